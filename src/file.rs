@@ -1,4 +1,4 @@
-//! Sensors, meshes and images from and to files: what the simulator, which knows no file, leaves to these traits.
+//! Traits that read sensors and meshes from files and write images: the simulator itself knows no files.
 
 use gelsim_core::camera::Image;
 use gelsim_core::sensor::Sensor;
@@ -15,37 +15,39 @@ use gelsim_files::{diagnostic::Report, mesh};
 
 /// Sensors from presets and files.
 pub trait SensorExt: Sized {
-    /// A sensor that gelsim knows, such as `"gelsight-mini"`, `"digit"` or `"tactip"`; `gelsim list sensors` lists them.
+    /// Returns a sensor that gelsim knows by name, such as `"gelsight-mini"`, `"digit"` or `"tactip"`. The command
+    /// `gelsim list sensors` lists the names.
     ///
     /// # Errors
     ///
-    /// If no preset is called so. The message names them all.
+    /// If there is no preset of this name. The message lists the names.
     fn preset(name: &str) -> Result<Self, UnknownPreset>;
 
-    /// The sensor that a TOML file describes, such as one that `gelsim calibrate` wrote, with the images and tables that it
-    /// names.
+    /// Reads a sensor from a TOML file, such as one that `gelsim calibrate` wrote, with the images and tables that the
+    /// file names.
     ///
     /// # Errors
     ///
-    /// If the file cannot be read or holds no sensor that can be simulated. The message shows every mistake at its place, with a
-    /// way out.
+    /// If the file cannot be read, or does not describe a sensor that can be simulated. The message shows every mistake
+    /// at its place in the file, with a remedy.
     #[cfg(feature = "files")]
     fn load(path: impl AsRef<Path>) -> Result<Self, SensorFileError>;
 }
 
 impl SensorExt for Sensor {
     fn preset(name: &str) -> Result<Self, UnknownPreset> {
-        sensor::preset(name)
+        sensor::load_preset(name)
     }
 
     #[cfg(feature = "files")]
     fn load(path: impl AsRef<Path>) -> Result<Self, SensorFileError> {
-        gelsim_job::plan::standalone::load(path.as_ref())
+        gelsim_job::plan::standalone::load_sensor_file(path.as_ref())
             .map_err(|report| SensorFileError { path: path.as_ref().to_owned(), report })
     }
 }
 
-/// Why a sensor file gives no sensor: every mistake as the command prints it, with file, line, column and what to do.
+/// The reason why a sensor file gives no sensor. It displays every mistake as the command prints it: with file, line,
+/// column and a remedy.
 #[cfg(feature = "files")]
 #[derive(Clone, thiserror::Error)]
 #[error("{report}")]
@@ -54,7 +56,7 @@ pub struct SensorFileError {
     report: Report,
 }
 
-/// As it reads, since `main` and `expect` show errors so.
+/// Shows the message itself: `main` and `expect` print errors with `Debug`.
 #[cfg(feature = "files")]
 impl std::fmt::Debug for SensorFileError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -64,12 +66,12 @@ impl std::fmt::Debug for SensorFileError {
 
 #[cfg(feature = "files")]
 impl SensorFileError {
-    /// The file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Each mistake on a line of its own, without its place in the text.
+    /// Iterates over the mistakes: one message each, without its place in the file.
     pub fn messages(&self) -> impl Iterator<Item = &str> {
         self.report.problems().iter().map(|problem| problem.message.as_str())
     }
@@ -78,29 +80,30 @@ impl SensorFileError {
 /// Meshes from files.
 #[cfg(feature = "files")]
 pub trait MeshExt: Sized {
-    /// The mesh in a file that ends in .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf. A coordinate of 1 is a
-    /// millimetre, unless the format or the file says otherwise.
+    /// Reads a mesh from a file that ends in .obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf. A coordinate of
+    /// 1 is a millimetre, unless the format or the file says otherwise.
     ///
     /// # Errors
     ///
-    /// If the file cannot be read, or holds no triangle that can be pressed. The message names the file and, in text, the line.
+    /// If the file cannot be read, or has no triangle that can be pressed. The message names the file and, in a text
+    /// format, the line.
     fn load(path: impl AsRef<Path>) -> Result<Self, MeshFileError>;
 
-    /// The mesh in such a file, a coordinate of 1 being `mm_per_unit` mm: 1000 for a file in metres.
+    /// Reads a mesh from a file in which a coordinate of 1 is `mm_per_unit` mm: 1000 for a file in metres.
     ///
     /// # Errors
     ///
-    /// As [`MeshExt::load`].
+    /// Those of [`MeshExt::load`].
     fn load_with_unit(path: impl AsRef<Path>, mm_per_unit: f64) -> Result<Self, MeshFileError>;
 }
 
-/// Why a file gives no mesh.
+/// The reason why a file gives no mesh, with a remedy.
 #[cfg(feature = "files")]
 #[derive(thiserror::Error)]
 #[error("{0}; {help}", help = .0.help())]
 pub struct MeshFileError(mesh::MeshFileError);
 
-/// As it reads, since `main` and `expect` show errors so.
+/// Shows the message itself: `main` and `expect` print errors with `Debug`.
 #[cfg(feature = "files")]
 impl std::fmt::Debug for MeshFileError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -110,12 +113,12 @@ impl std::fmt::Debug for MeshFileError {
 
 #[cfg(feature = "files")]
 impl MeshFileError {
-    /// The line, in a format that is text.
+    /// Returns the line of the file, counted from 1; `None` if it is not known, as in a binary format.
     pub fn line(&self) -> Option<usize> {
         self.0.line
     }
 
-    /// What to do.
+    /// Returns the remedy.
     pub fn help(&self) -> String {
         self.0.help()
     }
@@ -124,7 +127,7 @@ impl MeshFileError {
 #[cfg(feature = "files")]
 impl MeshExt for Mesh {
     fn load(path: impl AsRef<Path>) -> Result<Self, MeshFileError> {
-        let loaded = mesh::load(path.as_ref(), mesh::Reading::default()).map_err(MeshFileError)?;
+        let loaded = mesh::load(path.as_ref(), mesh::MeshReadOptions::default()).map_err(MeshFileError)?;
         Ok(loaded.mesh)
     }
 
@@ -136,7 +139,7 @@ impl MeshExt for Mesh {
 
 /// Images as files.
 pub trait ImageExt {
-    /// The bytes of an 8-bit RGB PNG, as in a dataset.
+    /// Encodes the image as an 8-bit RGB PNG, with the same bytes as in a dataset.
     fn to_png(&self) -> Vec<u8>;
 }
 

@@ -1,4 +1,4 @@
-//! Makes the pictures of docs/augmentation.md: `cargo run --release --example augmentation [DIR]`.
+//! Makes the pictures of docs/how-to/augment.md: `cargo run --release --example augmentation [DIR]`.
 //!
 //! The "real" images are gelsim's own: another light, another lens and noise than the sensor that augments them knows.
 
@@ -17,8 +17,8 @@ use gelsim_files::png;
 use gelsim_job::config::{self, Overrides};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
-use gelsim_lab::preview::difference;
-use gelsim_lab::preview::rows::{Row, sheet};
+use gelsim_lab::preview::amplify_difference;
+use gelsim_lab::preview::rows::{SheetRow, draw_row_sheet};
 use image::{Rgb, RgbImage};
 
 /// The sensor as its file describes it.
@@ -61,7 +61,7 @@ fn plan(head: &str, object: &str, place: &str) -> Result<Plan, String> {
     );
     let mut problems = Diagnostics::default();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let written = config::read_text(object, text, folder, &Overrides::default(), &mut problems);
+    let written = config::read_job_text(object, text, folder, &Overrides::default(), &mut problems);
     Plan::resolve(written, problems).map_err(|report: Report| report.to_string())
 }
 
@@ -111,14 +111,14 @@ fn photometric() -> Result<RgbImage, String> {
         let settings: Photometric = toml::from_str(text).map_err(|error| format!("{caption}: {error}"))?;
         let (out, applied) = PhotometricRecipe::new(settings, &profile, if swaps { swap() } else { Vec::new() })
             .apply(&image, 1, number);
-        println!("{caption}: {}", String::from_utf8_lossy(&gelsim_dataset::encode::json(&applied)));
+        println!("{caption}: {}", String::from_utf8_lossy(&gelsim_dataset::encode::to_json_line(&applied)));
         made.push((caption, picture(&out)));
     }
-    let rows = made.chunks(5).map(|row| Row {
+    let rows = made.chunks(5).map(|row| SheetRow {
         panels: row.iter().map(|(_, picture)| picture.clone()).collect(),
         captions: (0..).zip(row).map(|(column, (caption, _))| (column, (*caption).to_owned())).collect(),
     });
-    Ok(sheet(&["", "", "", "", ""], rows.collect(), PANEL_WIDTH))
+    Ok(draw_row_sheet(&["", "", "", "", ""], rows.collect(), PANEL_WIDTH))
 }
 
 /// A press, its mirrored image, and the mirrored press.
@@ -129,9 +129,9 @@ fn mirrored() -> Result<RgbImage, String> {
     };
     let (press, right) = (of(1.5, 10.0)?, of(-1.5, -10.0)?);
     let wrong = image::imageops::flip_horizontal(&press);
-    let panels = vec![press, wrong.clone(), right.clone(), difference(&right, &wrong, 4)];
+    let panels = vec![press, wrong.clone(), right.clone(), amplify_difference(&right, &wrong, 4)];
     let titles = ["the press", "its image mirrored: wrong", "mirrored, rendered anew", "4 x the difference"];
-    Ok(sheet(&titles, vec![Row { panels, captions: Vec::new() }], PANEL_WIDTH))
+    Ok(draw_row_sheet(&titles, vec![SheetRow { panels, captions: Vec::new() }], PANEL_WIDTH))
 }
 
 /// Presses that lie beside what their labels say, and their twins.
@@ -150,7 +150,7 @@ fn paired() -> Result<RgbImage, String> {
             let settings = Paired { max_offset_px, ..Paired::default() };
             Ok::<_, String>(
                 CounterpartRenderer::new(plan("", object, "")?, settings, background.clone())
-                    .counterpart(&metadata, &image, 0),
+                    .render_counterpart(&metadata, &image, 0),
             )
         };
         let (labelled, aligned) = (counterpart(0)?, counterpart(20)?);
@@ -163,8 +163,8 @@ fn paired() -> Result<RgbImage, String> {
             image.clone(),
             picture(&labelled.sample.impression.image),
             picture(&aligned.sample.impression.image),
-            difference(&change(&labelled.sample.impression.image), &image, 4),
-            difference(&change(&aligned.sample.impression.image), &image, 4),
+            amplify_difference(&change(&labelled.sample.impression.image), &image, 4),
+            amplify_difference(&change(&aligned.sample.impression.image), &image, 4),
         ];
         let [x, y] = aligned.offset_px;
         let captions = vec![
@@ -172,17 +172,17 @@ fn paired() -> Result<RgbImage, String> {
             (1, format!("correlation {:.2}", labelled.correlation)),
             (2, format!("{x:.2}, {y:.2} px: {:.2}", aligned.correlation)),
         ];
-        rows.push(Row { panels, captions });
+        rows.push(SheetRow { panels, captions });
     }
     let titles =
         ["real", "twin where the label says", "twin, aligned", "4 x difference as labelled", "4 x difference, aligned"];
-    Ok(sheet(&titles, rows, PANEL_WIDTH))
+    Ok(draw_row_sheet(&titles, rows, PANEL_WIDTH))
 }
 
 /// An image over another background.
 fn over(image: &RgbImage, own: &RgbImage, other: &RgbImage) -> RgbImage {
     let own = BackgroundImage::new(own.width() as usize, own.height() as usize, own.as_raw().clone());
-    let planes = BackgroundSwap::new("", &own, other.as_raw()).light(image.as_raw());
+    let planes = BackgroundSwap::new("", &own, other.as_raw()).swap_background(image.as_raw());
     RgbImage::from_fn(image.width(), image.height(), |x, y| {
         let at = (y * image.width() + x) as usize;
         Rgb([0, 1, 2].map(|k| gelsim_core::base::light::quantise(planes[k][at])))

@@ -1,4 +1,4 @@
-"""Renders one dataset on a Ray cluster: a task for each part, then the description of the whole.
+"""Renders one dataset on a Ray cluster: a task for each part, then the index and card of the dataset.
 
     python ray_driver.py JOB.toml OUT --parts 64 --threads 4
 
@@ -20,7 +20,7 @@ class Failed(Exception):
 
 
 class Wrong(Exception):
-    """A mistake in the job or in the command line, which no other try mends."""
+    """A mistake in the job or in the command line, which no retry fixes."""
 
 
 @ray.remote(max_retries=5, retry_exceptions=[Failed])

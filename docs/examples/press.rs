@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     press.texture = Some(Texture {
         relief: Arc::new(Relief::procedural(Procedural::Knurled)),
         sample: TextureSample { amplitude_mm: 0.05, scale_mm: 0.8, angle_deg: 30.0, offset: [0.0, 0.0] },
-        laid: None,
+        placement: None,
     });
     // Then it is moved by 0.2 mm to the right. The pad sticks to it, or slips.
     press.shear = Some(Shear {

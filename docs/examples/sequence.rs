@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         // Four frames down, then to the right.
         let depth_mm = 0.2 * f64::from(frame.min(3) + 1);
         let right_mm = STEP_MM * f64::from((frame - 3).max(0));
-        let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [right_mm, 0.0, 0.0]);
+        let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [right_mm, 0.0, 0.0]);
         let indenter = ball.moved_to(pose).at_depth_mm(depth_mm);
         // How its surface moved since the last frame: as the ball itself, which does not roll.
         let shift_mm = [if frame > 3 { STEP_MM } else { 0.0 }, 0.0];

@@ -30,7 +30,7 @@ What there is:
 - `UsageError`, a ValueError, tells all mistakes of a call at once; `RunError` is what fails while running.
 
 Lengths are millimetres, angles degrees, forces newtons. x is to the right in the image, y down, z out of the pad towards the object.
-The command is `gelsim`, or `python -m gelsim`. docs/python.md has more examples.
+The command is `gelsim`, or `python -m gelsim`. docs/how-to/python.md has more examples.
 """
 
 from gelsim._native import Job, RunError, Sensor, UsageError, __version__

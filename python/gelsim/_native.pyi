@@ -147,11 +147,11 @@ class Sensor:
     def __reduce__(self) -> tuple[object, ...]: ...
     @property
     def name(self) -> str:
-        """Its name in labels."""
+        """Name in labels."""
 
     @property
     def resolution_px(self) -> tuple[int, int]:
-        """Width and height of its own image."""
+        """Width and height of the sensor's own image."""
 
     @property
     def field_of_view_mm(self) -> tuple[float, float]:
@@ -163,17 +163,17 @@ class Sensor:
 
     @property
     def leds(self) -> list[Led]:
-        """Its LEDs; `with_leds` gives a sensor with others."""
+        """LEDs; `with_leds` makes a sensor with others."""
 
     def with_leds(self, leds: Sequence[Led]) -> Sensor:
-        """The same sensor with these LEDs in place of its own: `sensor.with_leds([*sensor.leds, gelsim.Led(45.0)])`.
+        """Returns this sensor with other LEDs in place of its own: `sensor.with_leds([*sensor.leds, gelsim.Led(45.0)])`.
 
-        Raises UsageError with every mistake; warns where the sensor's light is measured, so that LEDs are no part of it.
+        Raises UsageError with every mistake; warns if the sensor has calibrated optics, which LEDs are no part of.
         """
 
 @final
 class ReadyMesh:
-    """A mesh, cleaned and made ready to be pressed; `gelsim.Mesh` has one."""
+    """A mesh that was cleaned and prepared for pressing; held by `gelsim.Mesh`."""
 
     @property
     def triangles(self) -> int: ...
@@ -181,14 +181,14 @@ class ReadyMesh:
     def bounds_mm(self) -> list[list[float]]: ...
 
 def mesh_of_file(path: Union[str, PathLike[str]], mm_per_unit: Optional[float]) -> tuple[ReadyMesh, list[str]]:
-    """The mesh of a file, and what to warn of."""
+    """Reads the mesh of a file. Returns it, and warnings about it."""
 
 def mesh_of_arrays(vertices_mm: NDArray[np.float64], faces: NDArray[np.uint32]) -> tuple[ReadyMesh, list[str]]:
-    """The mesh of corners and triangles, and what to warn of."""
+    """Makes a mesh of vertices (N, 3), mm, and triangles (M, 3). Returns it, and warnings about it."""
 
 @final
 class Engine:
-    """A sensor made ready at a fidelity level; `gelsim.Simulator` has one."""
+    """A sensor prepared at a fidelity level; held by `gelsim.Simulator`."""
 
     def __new__(
         cls,
@@ -221,7 +221,7 @@ class Engine:
 
 @final
 class Pressing:
-    """What a press gave; `gelsim.Impression` has one."""
+    """Result of a press; held by `gelsim.Impression`."""
 
     def image(self) -> Any: ...
     def layer(self, name: str) -> Any: ...
@@ -240,4 +240,4 @@ def generate(
     threads: Any,
     overwrite: Any,
 ) -> dict[str, Any]:
-    """Writes a dataset; what was done, by name. `gelsim.generate` is this."""
+    """Writes a dataset, and returns what was made as a dictionary. This is `gelsim.generate`."""

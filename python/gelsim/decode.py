@@ -18,7 +18,7 @@ CHANNELS = {"normal": 3, "lamps": 6, "flow": 2, "points": 3, "tactile": 3, "refe
 
 
 def decode(name: str, suffix: str, data: bytes, label: dict[str, Any]) -> Any:
-    """Layer `name` as docs/python.md lists it. Raises ValueError for what no layer is."""
+    """Layer `name` as docs/how-to/python.md lists it. Raises ValueError for what no layer is."""
     size = label["sensor"]["height_px"], label["sensor"]["width_px"]
     shape = (*size, CHANNELS[name]) if name in CHANNELS else size
     ending = suffix.rsplit(".", 1)[-1]

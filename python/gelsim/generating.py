@@ -43,7 +43,7 @@ class Generated:
     seconds: float
     """Time it took."""
     complete: bool
-    """True if the dataset is whole; false while other processes write shards of it."""
+    """True if the dataset is complete; false while other processes write shards of it."""
 
 
 def generate(

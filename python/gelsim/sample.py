@@ -28,7 +28,7 @@ class Pins(Markers):
 
 
 class Sample(TypedDict, total=False):
-    """`tactile`, `label` and the layers that were asked for; axes, signs and units are in docs/conventions.md."""
+    """`tactile`, `label` and the layers that were asked for; axes, signs and units are in docs/reference/conventions.md."""
 
     tactile: NDArray[np.uint8]
     """(H, W, 3): red, green, blue."""

@@ -1,4 +1,5 @@
-//! What functions are given. A mistake names its argument and says what to give instead: Python's own words do not.
+//! Reads the arguments of functions. An error names the argument and says what to give instead, which Python's own
+//! errors do not.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -7,101 +8,103 @@ use pyo3::exceptions::{PyOverflowError, PyTypeError, PyUnicodeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyByteArray, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 
-use crate::errors::{LONGEST_NAME, mistake};
+use crate::errors::{LONGEST_NAME, mistake_error};
 
-/// Longest path that Linux takes, bytes.
+/// Length of the longest path that Linux accepts, bytes.
 const LONGEST_PATH: usize = 4096;
 
-/// Items of a list between looks at signals: it may have as many as its author says.
+/// Number of items of a list after which signals are checked: a list of a user's class may claim any length.
 const BLOCK: usize = 1 << 16;
 
-/// Lists and dicts within each other in a value of a job.
+/// Deepest nesting of lists and dicts in a value of a job.
 const DEEPEST_VALUE: usize = 32;
 
-/// Items of a list in a job.
-const MOST_ITEMS: usize = 1 << 20;
+/// Most items of a list in a job.
+const MAX_ITEMS: usize = 1 << 20;
 
-/// An argument that may be left out.
-pub type Given<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
+/// An argument that the caller may leave out.
+pub type OptionalArgument<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
 
-/// A whole number of 0 or more; `allowed` says which ones this argument takes, to whoever gave none.
-pub fn whole(name: &str, given: Given<'_, '_>, allowed: &str) -> PyResult<Option<u64>> {
+/// Reads an integer from 0 up; `None` if it was left out. `allowed` is the help for a number out of range.
+pub fn extract_whole_number(name: &str, given: OptionalArgument<'_, '_>, allowed: &str) -> PyResult<Option<u64>> {
     let Some(given) = given else { return Ok(None) };
-    let number = integer(name, given, "a whole number")?;
+    let number = extract_integer(name, given, "a whole number")?;
     match number.map(u64::try_from) {
         Some(Ok(number)) => Ok(Some(number)),
         _ => {
             let value = number.map_or_else(String::new, |number| format!("={number}"));
-            Err(mistake(format!("{name}{value} is out of range"), allowed))
+            Err(mistake_error(format!("{name}{value} is out of range"), allowed))
         }
     }
 }
 
-/// Any whole number; none if it is larger than any that counts something.
-pub fn integer(name: &str, given: &Bound<'_, PyAny>, wanted: &str) -> PyResult<Option<i128>> {
+/// Reads an integer; `None` if it is too large for any count.
+pub fn extract_integer(name: &str, given: &Bound<'_, PyAny>, wanted: &str) -> PyResult<Option<i128>> {
     match given.extract() {
         Ok(number) => Ok(Some(number)),
         Err(error) if error.is_instance_of::<PyOverflowError>(given.py()) => Ok(None),
-        Err(error) => Err(not(name, given, wanted, error)),
+        Err(error) => Err(type_error(name, given, wanted, error)),
     }
 }
 
-/// Any number.
-pub fn number(name: &str, given: &Bound<'_, PyAny>) -> PyResult<f64> {
-    given.extract().map_err(|error| not(name, given, "a number", error))
+/// Reads a number.
+pub fn extract_number(name: &str, given: &Bound<'_, PyAny>) -> PyResult<f64> {
+    given.extract().map_err(|error| type_error(name, given, "a number", error))
 }
 
-/// True or false.
-pub fn flag(name: &str, given: Given<'_, '_>) -> PyResult<bool> {
+/// Reads True or False; false if it was left out.
+pub fn extract_flag(name: &str, given: OptionalArgument<'_, '_>) -> PyResult<bool> {
     let Some(given) = given else { return Ok(false) };
-    given.extract().map_err(|error| not(name, given, "True or False", error))
+    given.extract().map_err(|error| type_error(name, given, "True or False", error))
 }
 
-/// A text.
-pub fn text(name: &str, given: &Bound<'_, PyAny>) -> PyResult<String> {
-    let text = given.cast::<PyString>().map_err(|error| not(name, given, "a text", error.into()))?;
-    text.extract().map_err(|_| mistake(format!("{name} is not UTF-8"), "give text without halves of surrogates"))
+/// Reads a text.
+pub fn extract_text(name: &str, given: &Bound<'_, PyAny>) -> PyResult<String> {
+    let text = given.cast::<PyString>().map_err(|error| type_error(name, given, "a text", error.into()))?;
+    text.extract().map_err(|_| mistake_error(format!("{name} is not UTF-8"), "give text without halves of surrogates"))
 }
 
-/// A path: text, or what Python takes for a path.
-pub fn path(name: &str, given: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
+/// Reads a path: text, or an object that Python accepts as a path.
+pub fn extract_path(name: &str, given: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
     if given.is_instance_of::<PyString>() {
         let length = given.len()?;
         if length > LONGEST_PATH {
-            return Err(mistake(format!("{name} has {length} characters"), "give the path of a file"));
+            return Err(mistake_error(format!("{name} has {length} characters"), "give the path of a file"));
         }
     }
-    given.extract().map_err(|error| not(name, given, "a path: a text or a pathlib.Path", error))
+    given.extract().map_err(|error| type_error(name, given, "a path: a text or a pathlib.Path", error))
 }
 
-/// Texts.
-pub fn texts(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
+/// Reads a list of texts; empty if it was left out.
+pub fn extract_texts(name: &str, given: OptionalArgument<'_, '_>) -> PyResult<Vec<String>> {
     let Some(given) = given else { return Ok(Vec::new()) };
-    each(name, given, "a list of texts", |item| text(&format!("an item of {name}"), item))
+    extract_each(name, given, "a list of texts", |item| extract_text(&format!("an item of {name}"), item))
 }
 
-/// What `--set` takes: assignments as texts, or a mapping of dotted keys to values of Python.
-pub fn assignments(name: &str, given: Given<'_, '_>) -> PyResult<Vec<String>> {
+/// Reads what `--set` takes: a list of assignments as text, or a mapping of dotted keys to Python values. Empty if it
+/// was left out.
+pub fn extract_assignments(name: &str, given: OptionalArgument<'_, '_>) -> PyResult<Vec<String>> {
     let Some(given) = given else { return Ok(Vec::new()) };
-    let Some(entries) = entries(given)? else {
+    let Some(entries) = mapping_entries(given)? else {
         let wanted = "a dict of keys and values, or a list of texts";
-        return each(name, given, wanted, |item| text(&format!("an item of {name}"), item));
+        return extract_each(name, given, wanted, |item| extract_text(&format!("an item of {name}"), item));
     };
-    each(name, &entries, "a dict", |item| {
+    extract_each(name, &entries, "a dict", |item| {
         let (key, value) = item.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()?;
-        let key = text(&format!("a key of {name}"), &key)?;
+        let key = extract_text(&format!("a key of {name}"), &key)?;
         if key.contains(['=', '\n', '#']) {
             let help = "keys are dotted, such as \"camera.exposure\"; the value stands behind the colon";
-            return Err(mistake(format!("{name} has no such key: {}", shortened(&key)), help));
+            return Err(mistake_error(format!("{name} has no such key: {}", shorten_name(&key)), help));
         }
         let mut assignment = format!("{key} = ");
-        write_toml(&format!("{name}[{:?}]", shortened(&key)), &value, 0, &mut assignment)?;
+        write_toml(&format!("{name}[{:?}]", shorten_name(&key)), &value, 0, &mut assignment)?;
         Ok(assignment)
     })
 }
 
-/// The keys and values of a mapping; none of what is no mapping. pyo3's own cast prints what an object raises when it is asked.
-fn entries<'py>(given: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyAny>>> {
+/// Returns the keys and values of a mapping; `None` if it is no mapping. Does not use pyo3's own cast, which prints
+/// exceptions that the object raises.
+fn mapping_entries<'py>(given: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyAny>>> {
     let is_list = given.is_instance_of::<PyList>() || given.is_instance_of::<PyTuple>();
     let is_mapping = || given.is_instance(&given.py().import("collections.abc")?.getattr("Mapping")?);
     match given.is_instance_of::<PyDict>() || (!is_list && is_mapping()?) {
@@ -110,41 +113,44 @@ fn entries<'py>(given: &Bound<'py, PyAny>) -> PyResult<Option<Bound<'py, PyAny>>
     }
 }
 
-/// A name as messages show it.
-fn shortened(text: &str) -> String {
+/// Returns a name short enough for a message.
+fn shorten_name(text: &str) -> String {
     text.chars().take(LONGEST_NAME).collect()
 }
 
-/// A value of Python as TOML; `name` is what messages call it.
+/// Appends a Python value as TOML; `name` is what messages call it, `depth` how deep it is nested.
 pub fn write_toml(name: &str, value: &Bound<'_, PyAny>, depth: usize, toml: &mut String) -> PyResult<()> {
     if depth == DEEPEST_VALUE {
-        return Err(mistake(format!("{name} holds lists in lists without end"), "give what a job can have there"));
+        return Err(mistake_error(
+            format!("{name} holds lists in lists without end"),
+            "give what a job can have there",
+        ));
     }
     if value.is_none() {
-        return Err(mistake(format!("{name} is None"), "leave the key out: what is left out has its default"));
+        return Err(mistake_error(format!("{name} is None"), "leave the key out: what is left out has its default"));
     }
     if let Ok(flag) = value.cast::<PyBool>() {
         toml.push_str(if flag.is_true() { "true" } else { "false" });
     } else if value.is_instance_of::<PyInt>() {
-        let number = integer(name, value, "a number")?.and_then(|number| i64::try_from(number).ok());
+        let number = extract_integer(name, value, "a number")?.and_then(|number| i64::try_from(number).ok());
         let number =
-            number.ok_or_else(|| mistake(format!("{name} is out of range"), "no number of a job is so large"))?;
+            number.ok_or_else(|| mistake_error(format!("{name} is out of range"), "no number of a job is so large"))?;
         toml.push_str(&number.to_string());
     } else if value.is_instance_of::<PyFloat>() {
-        let number = number(name, value)?;
+        let number = extract_number(name, value)?;
         toml.push_str(&if number.is_nan() { String::from("nan") } else { format!("{number:?}") });
     } else if value.is_instance_of::<PyString>() {
-        let text = text(name, value)?;
+        let text = extract_text(name, value)?;
         if text.len() > LONGEST_PATH {
-            return Err(mistake(format!("{name} is a text of {} bytes", text.len()), "give a name or a path"));
+            return Err(mistake_error(format!("{name} is a text of {} bytes", text.len()), "give a name or a path"));
         }
         write_toml_text(&text, toml);
-    } else if let Some(entries) = entries(value)? {
+    } else if let Some(entries) = mapping_entries(value)? {
         toml.push_str("{ ");
-        let entries = each(name, &entries, "a dict", |item| {
+        let entries = extract_each(name, &entries, "a dict", |item| {
             let (key, value) = item.extract::<(Bound<'_, PyAny>, Bound<'_, PyAny>)>()?;
             let mut entry = String::new();
-            write_toml_text(&text(&format!("a key of {name}"), &key)?, &mut entry);
+            write_toml_text(&extract_text(&format!("a key of {name}"), &key)?, &mut entry);
             entry.push_str(" = ");
             write_toml(name, &value, depth + 1, &mut entry)?;
             Ok(entry)
@@ -152,20 +158,20 @@ pub fn write_toml(name: &str, value: &Bound<'_, PyAny>, depth: usize, toml: &mut
         toml.push_str(&entries.join(", "));
         toml.push_str(" }");
     } else if value.hasattr("__fspath__")? {
-        let path = path(name, value)?.into_os_string().into_string();
-        let path = path.map_err(|_| mistake(format!("{name} is not UTF-8"), "rename the file or its folder"))?;
+        let path = extract_path(name, value)?.into_os_string().into_string();
+        let path = path.map_err(|_| mistake_error(format!("{name} is not UTF-8"), "rename the file or its folder"))?;
         write_toml_text(&path, toml);
     } else if value.hasattr("tolist")? {
-        // Numbers and arrays of numpy.
+        // Numbers and arrays of numpy become numbers and lists of Python.
         write_toml(name, &value.call_method0("tolist")?, depth + 1, toml)?;
     } else {
-        if value.len().is_ok_and(|length| length > MOST_ITEMS) {
-            return Err(mistake(
+        if value.len().is_ok_and(|length| length > MAX_ITEMS) {
+            return Err(mistake_error(
                 format!("{name} is too long"),
-                format!("no list of a job has more than {MOST_ITEMS} items"),
+                format!("no list of a job has more than {MAX_ITEMS} items"),
             ));
         }
-        let entries = each(name, value, "a bool, a number, a text, a list or a dict", |item| {
+        let entries = extract_each(name, value, "a bool, a number, a text, a list or a dict", |item| {
             let mut entry = String::new();
             write_toml(name, item, depth + 1, &mut entry)?;
             Ok(entry)
@@ -177,7 +183,7 @@ pub fn write_toml(name: &str, value: &Bound<'_, PyAny>, depth: usize, toml: &mut
     Ok(())
 }
 
-/// A text as a basic string of TOML.
+/// Appends a text as a basic string of TOML.
 fn write_toml_text(text: &str, toml: &mut String) {
     toml.push('"');
     for c in text.chars() {
@@ -190,23 +196,23 @@ fn write_toml_text(text: &str, toml: &mut String) {
     toml.push('"');
 }
 
-/// The words of a command line.
-pub fn words(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<OsString>> {
+/// Reads the words of a command line.
+pub fn extract_words(name: &str, given: &Bound<'_, PyAny>) -> PyResult<Vec<OsString>> {
     let item = |item: &Bound<'_, PyAny>| {
-        item.extract().map_err(|error| not(&format!("an item of {name}"), item, "a text", error))
+        item.extract().map_err(|error| type_error(&format!("an item of {name}"), item, "a text", error))
     };
-    each(name, given, "a list of texts", item)
+    extract_each(name, given, "a list of texts", item)
 }
 
-/// The items of a list, or of what is as good as one: no more than its length, and no memory for them beforehand, as a
-/// class of Python may say anything of either.
-pub fn each<T>(
+/// Reads the items of a list, or of an object that behaves as one. A class of Python may report any length and yield
+/// any number of items: at most its length is read, and no memory is reserved for it beforehand.
+pub fn extract_each<T>(
     name: &str,
     given: &Bound<'_, PyAny>,
     wanted: &str,
     item: impl Fn(&Bound<'_, PyAny>) -> PyResult<T>,
 ) -> PyResult<Vec<T>> {
-    let wrong = |error| not(name, given, wanted, error);
+    let wrong = |error| type_error(name, given, wanted, error);
     if given.is_instance_of::<PyString>() || given.is_instance_of::<PyBytes>() || given.is_instance_of::<PyByteArray>()
     {
         return Err(wrong(PyTypeError::new_err("its items are characters")));
@@ -222,29 +228,30 @@ pub fn each<T>(
     Ok(items)
 }
 
-/// The text or path that somebody gave first to what takes no arguments, if it is as short as a name or a path.
-pub fn first(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> Option<String> {
+/// Returns the first text or path that was given to a class that takes no arguments, to name it in the error; `None` if
+/// there is none, or if it is too long to be a name or a path.
+pub fn first_text(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> Option<String> {
     let by_name = || named?.values().get_item(0).ok();
     let path = given.get_item(0).ok().or_else(by_name)?.extract::<PathBuf>().ok()?;
     path.into_os_string().into_string().ok().filter(|text| !text.is_empty() && text.len() <= LONGEST_NAME)
 }
 
-/// What to raise where an argument could not be read: an error of the argument's own is passed on.
-fn not(name: &str, given: &Bound<'_, PyAny>, wanted: &str, error: PyErr) -> PyErr {
+/// Returns the error for an argument that could not be read. An error that the argument itself raised is passed on.
+fn type_error(name: &str, given: &Bound<'_, PyAny>, wanted: &str, error: PyErr) -> PyErr {
     let py = given.py();
     if error.is_instance_of::<PyUnicodeError>(py) {
-        return mistake(format!("{name} is not UTF-8"), "give text without halves of surrogates");
+        return mistake_error(format!("{name} is not UTF-8"), "give text without halves of surrogates");
     }
     if !error.is_instance_of::<PyTypeError>(py) {
         return error;
     }
-    let wrong = PyTypeError::new_err(format!("{name} is {}; give {wanted}", kind(given)));
+    let wrong = PyTypeError::new_err(format!("{name} is {}; give {wanted}", describe_type(given)));
     wrong.set_cause(py, Some(error));
     wrong
 }
 
-/// What something is, for messages.
-pub fn kind(given: &Bound<'_, PyAny>) -> String {
+/// Describes the type of a value for messages.
+pub fn describe_type(given: &Bound<'_, PyAny>) -> String {
     if given.is_none() {
         return String::from("None");
     }

@@ -1,10 +1,10 @@
-//! Samples as numpy's arrays. What was rendered is handed over; only batches are copied together.
+//! Samples as arrays of numpy. The memory of what was rendered is handed over to numpy; only batches are copied.
 
 use std::collections::TryReserveError;
 
-use gelsim_dataset::content::{Content, Positions, content};
-use gelsim_dataset::encode::json;
-use gelsim_job::layers::{Form, OutputLayer};
+use gelsim_dataset::content::{LayerContent, Positions, layer_content};
+use gelsim_dataset::encode::to_json_line;
+use gelsim_job::layers::{LayerForm, OutputLayer};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use numpy::ndarray::{ArrayD, IxDyn};
@@ -15,44 +15,45 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyCapsule, PyDict, PyList, PyString};
 
-/// A sample, or several of one plan behind each other, made without Python.
+/// A sample, or a batch of samples of one plan one after another, that needs no Python until it becomes arrays.
 pub struct Arrays {
-    /// Rows and columns; of several samples their number goes first.
+    /// Rows and columns; of a batch the number of samples comes first.
     shape: Vec<usize>,
     tactile: Vec<u8>,
     layers: Vec<(OutputLayer, Values)>,
     labels: Vec<Vec<u8>>,
 }
 
-/// The values of a layer: rows, columns and, where a pixel has several values, those.
+/// Values of a layer: rows, columns and, for a layer with several values per pixel, those last.
 enum Values {
     /// float32.
     Floats(Vec<f32>),
     /// uint8.
     Bytes(Vec<u8>),
-    /// One for each sample.
+    /// Positions of each sample.
     Markers(Vec<Positions>),
 }
 
 impl Arrays {
-    /// Of a sample of `plan`, with the plan's layers.
+    /// Takes a sample of `plan`, with the plan's layers.
     pub fn new(plan: &Plan, sample: Sample) -> Self {
-        let values = |layer: &OutputLayer| (*layer, Values::of(&sample, *layer));
+        let values = |layer: &OutputLayer| (*layer, Values::from_layer(&sample, *layer));
         Self {
             shape: vec![sample.impression.image.height, sample.impression.image.width],
             layers: plan.layers().iter().map(values).collect(),
-            labels: vec![json(&sample.label)],
+            labels: vec![to_json_line(&sample.label)],
             tactile: sample.impression.image.rgb,
         }
     }
 
-    /// A frame of a sequence or a finger of a grip: its label is the whole's.
+    /// Takes a frame of a sequence or a finger of a grip, without label: the sample has one label for all of them.
     pub fn of_frame(plan: &Plan, sample: Sample) -> Self {
         Self { labels: Vec::new(), ..Self::new(plan, sample) }
     }
 
-    /// This sample as the first of a batch of `count`, with room for the others.
-    pub fn first_of(mut self, count: usize) -> PyResult<Self> {
+    /// Turns this sample into the first of a batch of `count`, and reserves memory for the others. Raises MemoryError
+    /// if there is too little.
+    pub fn into_batch(mut self, count: usize) -> PyResult<Self> {
         self.shape.insert(0, 1);
         let mut room = self.tactile.try_reserve_exact(self.tactile.len() * (count - 1));
         for (_, values) in &mut self.layers {
@@ -62,7 +63,7 @@ impl Arrays {
         room.map_err(help).map(|()| self)
     }
 
-    /// Puts another sample behind the last of a batch.
+    /// Appends another sample to a batch.
     pub fn push(&mut self, other: Self) {
         self.shape[0] += 1;
         self.tactile.extend(other.tactile);
@@ -72,27 +73,29 @@ impl Arrays {
         }
     }
 
-    /// `tactile`, the layers by their names, and `label`; in a batch arrays have the samples as their first axis, and
-    /// labels and markers are lists.
+    /// Returns `tactile`, the layers by their names, and `label`. In a batch, arrays have the samples as their first
+    /// axis, and labels and markers are lists.
     pub fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         let plane = self.shape;
         let batch = plane.len() > 2;
-        let shape = |form: &Form| match form.values_per_px() {
+        let shape = |form: &LayerForm| match form.values_per_px() {
             None | Some(1) => plane.clone(),
             Some(count) => [plane.as_slice(), &[count]].concat(),
         };
         let dict = PyDict::new(py);
-        dict.set_item("tactile", array(py, &shape(&Form::Rgb), self.tactile)?)?;
+        dict.set_item("tactile", to_array(py, &shape(&LayerForm::Rgb), self.tactile)?)?;
         for (layer, values) in self.layers {
             let array = match values {
-                Values::Floats(values) => array(py, &shape(&layer.spec().form), values)?,
-                Values::Bytes(values) => array(py, &shape(&layer.spec().form), values)?,
-                Values::Markers(each) => one_or_all(py, batch, each.into_iter().map(|of_one| markers(py, of_one)))?,
+                Values::Floats(values) => to_array(py, &shape(&layer.spec().form), values)?,
+                Values::Bytes(values) => to_array(py, &shape(&layer.spec().form), values)?,
+                Values::Markers(each) => {
+                    one_or_all(py, batch, each.into_iter().map(|of_one| marker_array(py, of_one)))?
+                }
             };
             dict.set_item(layer.name(), array)?;
         }
         if !self.labels.is_empty() {
-            let labels = self.labels.iter().map(|label| parsed(py, label));
+            let labels = self.labels.iter().map(|label| parse_json(py, label));
             dict.set_item("label", one_or_all(py, batch, labels)?)?;
         }
         Ok(dict)
@@ -100,14 +103,15 @@ impl Arrays {
 }
 
 impl Values {
-    fn of(sample: &Sample, layer: OutputLayer) -> Self {
-        match content(sample, layer) {
-            Content::Floats(values) => Self::Floats(values),
-            Content::Bytes(bytes) => Self::Bytes(bytes.into_owned()),
-            Content::Markers(positions) => Self::Markers(vec![positions]),
+    fn from_layer(sample: &Sample, layer: OutputLayer) -> Self {
+        match layer_content(sample, layer) {
+            LayerContent::Floats(values) => Self::Floats(values),
+            LayerContent::Bytes(bytes) => Self::Bytes(bytes.into_owned()),
+            LayerContent::Markers(positions) => Self::Markers(vec![positions]),
         }
     }
 
+    /// Reserves memory for `times` more samples.
     fn reserve(&mut self, times: usize) -> Result<(), TryReserveError> {
         match self {
             Self::Floats(values) => values.try_reserve_exact(values.len() * times),
@@ -116,6 +120,7 @@ impl Values {
         }
     }
 
+    /// Appends the values of more samples.
     fn extend(&mut self, more: Self) {
         match (self, more) {
             (Self::Floats(values), Self::Floats(more)) => values.extend(more),
@@ -126,64 +131,67 @@ impl Values {
     }
 }
 
-/// One layer of a sample.
-pub fn layer<'py>(py: Python<'py>, sample: &Sample, layer: OutputLayer) -> PyResult<Bound<'py, PyAny>> {
+/// Returns one layer of a sample as an array; markers as a dictionary of arrays.
+pub fn layer_array<'py>(py: Python<'py>, sample: &Sample, layer: OutputLayer) -> PyResult<Bound<'py, PyAny>> {
     let image = &sample.impression.image;
     let channels = layer.spec().form.values_per_px().filter(|count| *count > 1);
     let shape: Vec<usize> = [image.height, image.width].into_iter().chain(channels).collect();
-    match py.detach(|| Values::of(sample, layer)) {
-        Values::Floats(values) => array(py, &shape, values),
-        Values::Bytes(values) => array(py, &shape, values),
-        Values::Markers(mut each) => markers(py, each.remove(0)),
+    match py.detach(|| Values::from_layer(sample, layer)) {
+        Values::Floats(values) => to_array(py, &shape, values),
+        Values::Bytes(values) => to_array(py, &shape, values),
+        Values::Markers(mut each) => marker_array(py, each.remove(0)),
     }
 }
 
-/// The tactile image of a sample.
-pub fn image<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyAny>> {
+/// Returns the tactile image of a sample, (rows, columns, 3).
+pub fn image_array<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyAny>> {
     let image = &sample.impression.image;
-    array(py, &[image.height, image.width, 3], image.rgb.clone())
+    to_array(py, &[image.height, image.width, 3], image.rgb.clone())
 }
 
-/// JSON as Python's objects.
-pub fn parsed<'py>(py: Python<'py>, text: &[u8]) -> PyResult<Bound<'py, PyAny>> {
-    scanner(py)?.call1((PyString::from_bytes(py, text)?, 0))?.get_item(0)
+/// Reads JSON as Python objects.
+pub fn parse_json<'py>(py: Python<'py>, text: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+    json_scanner(py)?.call1((PyString::from_bytes(py, text)?, 0))?.get_item(0)
 }
 
-/// What `json.loads` calls to read JSON, which is C. As Python ends it ends threads wherever they run Python's code, and
-/// the whole process where Rust has called that code: samples are made without any.
-fn scanner(py: Python<'_>) -> PyResult<&Bound<'_, PyAny>> {
+/// Returns the function that `json.loads` calls to read JSON, which is written in C. While Python shuts down it ends
+/// every thread that runs Python code, and the whole process if Rust called that code. So samples are made without any
+/// Python code.
+fn json_scanner(py: Python<'_>) -> PyResult<&Bound<'_, PyAny>> {
     static SCAN_ONCE: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let found = || Ok(py.import("json")?.getattr("JSONDecoder")?.call0()?.getattr("scan_once")?.unbind());
     SCAN_ONCE.get_or_try_init(py, found).map(|scan| scan.bind(py))
 }
 
-/// numpy, or what to do without it: the command needs none. What samples need of Python is found here.
-pub fn need_numpy(py: Python<'_>) -> PyResult<()> {
+/// Checks for numpy, and raises an ImportError that says how to install it: the command needs none. Also loads what
+/// samples need of Python, so that it is missing here or never.
+pub fn require_numpy(py: Python<'_>) -> PyResult<()> {
     let help = |error: PyErr| {
         let wanted = PyImportError::new_err("gelsim gives and takes arrays of numpy: pip install numpy");
         wanted.set_cause(py, Some(error));
         wanted
     };
-    // The crate `numpy` panics where these are not found, as in a folder that has a numpy.py of its own.
+    // The crate `numpy` panics if it does not find these, as in a folder with a numpy.py of its own.
     let found = || {
         let core = py.import("numpy")?.getattr("_core").or_else(|_| py.import("numpy")?.getattr("core"))?;
         core.getattr("multiarray")?.getattr("_ARRAY_API")?.cast::<PyCapsule>()?;
         py.import("numpy.lib")?.getattr("NumpyVersion").map(drop)
     };
     found().map_err(help)?;
-    // It keeps what it needs from here on.
+    // The crate caches what it needs at this call.
     PyUntypedArray::type_object(py);
-    scanner(py).map(drop)
+    json_scanner(py).map(drop)
 }
 
-fn array<'py, T: Element>(py: Python<'py>, shape: &[usize], values: Vec<T>) -> PyResult<Bound<'py, PyAny>> {
+/// Turns values into an array of this shape without copying.
+fn to_array<'py, T: Element>(py: Python<'py>, shape: &[usize], values: Vec<T>) -> PyResult<Bound<'py, PyAny>> {
     // It cannot fail: every layer has as many values as the image has pixels.
-    let array =
-        ArrayD::from_shape_vec(IxDyn(shape), values).map_err(|error| crate::errors::running(error.to_string()))?;
+    let array = ArrayD::from_shape_vec(IxDyn(shape), values)
+        .map_err(|error| crate::errors::runtime_error(error.to_string()))?;
     Ok(array.into_pyarray(py).into_any())
 }
 
-/// The list of a batch; else its only entry.
+/// Returns the list of a batch, or of a single sample its only entry.
 fn one_or_all<'py>(
     py: Python<'py>,
     batch: bool,
@@ -193,15 +201,16 @@ fn one_or_all<'py>(
     if batch { Ok(list.into_any()) } else { list.get_item(0) }
 }
 
-fn markers(py: Python<'_>, positions: Positions) -> PyResult<Bound<'_, PyAny>> {
+/// Returns the positions of markers as a dictionary of arrays; those in mm only if the layer has them.
+fn marker_array(py: Python<'_>, positions: Positions) -> PyResult<Bound<'_, PyAny>> {
     let Positions { rest_px, moved_px, rest_mm, moved_mm } = positions;
     let dict = PyDict::new(py);
     for (name, pairs) in [("rest_px", rest_px), ("moved_px", moved_px)] {
-        dict.set_item(name, array(py, &[pairs.len(), 2], pairs.into_flattened())?)?;
+        dict.set_item(name, to_array(py, &[pairs.len(), 2], pairs.into_flattened())?)?;
     }
     for (name, triples) in [("rest_mm", rest_mm), ("moved_mm", moved_mm)] {
         if !triples.is_empty() {
-            dict.set_item(name, array(py, &[triples.len(), 3], triples.into_flattened())?)?;
+            dict.set_item(name, to_array(py, &[triples.len(), 3], triples.into_flattened())?)?;
         }
     }
     Ok(dict.into_any())

@@ -1,20 +1,20 @@
-//! The command's two kinds of failure as Python's exceptions, in the command's words.
+//! The two kinds of failure of the command as Python exceptions, with the command's messages.
 
 use std::any::Any;
 
 use gelsim_core::fidelity::Fidelity;
 use gelsim_dataset::generate;
 use gelsim_files::diagnostic::user_error;
-use gelsim_files::diagnostic::{Display, Report};
-use gelsim_files::spelling::one_of;
-use gelsim_job::config::of_choice;
+use gelsim_files::diagnostic::{DisplayOptions, Report};
+use gelsim_files::spelling::join_alternatives;
+use gelsim_job::config::suggest_choice;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::arguments::text;
+use crate::arguments::extract_text;
 
-/// Longer than every name there is.
+/// Length that no name of anything known reaches, characters.
 pub const LONGEST_NAME: usize = 200;
 
 create_exception!(
@@ -30,18 +30,19 @@ create_exception!(
     "Something failed while running, as the command says it with exit status 1."
 );
 
-/// What the command would print of mistakes.
-pub fn usage(report: &Report) -> PyErr {
-    UsageError::new_err(report.render(Display::PLAIN))
+/// Returns the UsageError with the text that the command would print.
+pub fn usage_error(report: &Report) -> PyErr {
+    UsageError::new_err(report.render(DisplayOptions::PLAIN))
 }
 
-/// One mistake in what a function was given, and the way out.
-pub fn mistake(message: impl Into<String>, help: impl Into<String>) -> PyErr {
-    usage(&user_error(message, help))
+/// Returns the UsageError for one mistake in an argument, with what to do instead.
+pub fn mistake_error(message: impl Into<String>, help: impl Into<String>) -> PyErr {
+    usage_error(&user_error(message, help))
 }
 
-/// What a user calls by its name; `what` it is, for the message if there is none.
-pub fn named<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'static str, T)>) -> PyResult<T> {
+/// Returns the value of a name. An unknown one raises UsageError with the nearest names; `what` says what is looked
+/// for.
+pub fn find_by_name<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'static str, T)>) -> PyResult<T> {
     let mut names = Vec::new();
     for (candidate, value) in known {
         if candidate == name {
@@ -49,34 +50,34 @@ pub fn named<T>(what: &str, name: &str, known: impl IntoIterator<Item = (&'stati
         }
         names.push(candidate);
     }
-    // Whoever gives a file's text in place of its name shall not read it again.
+    // A file's text in place of its name would fill the message.
     if name.chars().nth(LONGEST_NAME).is_some() {
-        let help = format!("one of {}", one_of(&names));
-        return Err(mistake(format!("no {what} has a name of {} bytes", name.len()), help));
+        let help = format!("one of {}", join_alternatives(&names));
+        return Err(mistake_error(format!("no {what} has a name of {} bytes", name.len()), help));
     }
-    Err(mistake(format!("no {what} is called `{name}`"), of_choice(name, &names)))
+    Err(mistake_error(format!("no {what} is called `{name}`"), suggest_choice(name, &names)))
 }
 
-/// A fidelity level by its name.
+/// Reads a fidelity level by its name.
 pub fn fidelity_level(given: &Bound<'_, PyAny>) -> PyResult<Fidelity> {
-    named("fidelity level", &text("fidelity", given)?, Fidelity::ALL.map(|level| (level.name(), level)))
+    find_by_name("fidelity level", &extract_text("fidelity", given)?, Fidelity::ALL.map(|level| (level.name(), level)))
 }
 
-/// Something failed while running.
-pub fn running(message: impl Into<String>) -> PyErr {
+/// Returns the RunError for something that failed while running.
+pub fn runtime_error(message: impl Into<String>) -> PyErr {
     RunError::new_err(message.into())
 }
 
-/// What is no mistake, but should be known, as Python's warnings.
-pub fn warn(py: Python<'_>, notes: &Report) -> PyResult<()> {
+/// Emits notes as Python warnings.
+pub fn emit_warnings(py: Python<'_>, notes: &Report) -> PyResult<()> {
     if notes.is_empty() {
         return Ok(());
     }
     let warn = py.import("warnings")?.getattr("warn")?;
-    notes.texts().into_iter().try_for_each(|note| warn.call1((note,)).map(drop))
+    notes.messages_with_help().into_iter().try_for_each(|note| warn.call1((note,)).map(drop))
 }
 
-/// A panic while something was rendered: a bug, but no reason to end Python.
-pub fn panicked(what: &str, panic: &(dyn Any + Send)) -> PyErr {
-    running(format!("{what} brought gelsim down, which is a bug: {}", generate::said(panic)))
+/// Returns the RunError for a panic while rendering: a bug, but no reason to end Python.
+pub fn panic_error(what: &str, panic: &(dyn Any + Send)) -> PyErr {
+    runtime_error(format!("{what} brought gelsim down, which is a bug: {}", generate::panic_message(panic)))
 }

@@ -1,39 +1,41 @@
-//! `gelsim.Job`: a job as a map-style dataset, whose samples are rendered when they are asked for.
+//! `gelsim.Job`: a job as a map-style dataset, which renders samples when they are asked for.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-use gelsim_dataset::encode::json;
+use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Diagnostic, Report};
 use gelsim_job::config::Overrides;
 use gelsim_job::config::output::OnUnhealthy;
-use gelsim_job::gripper::{self, FINGERS};
-use gelsim_job::label::key;
+use gelsim_job::gripper::{self, FINGER_NAMES};
+use gelsim_job::label::sample_key;
 use gelsim_job::layout::Split;
 use gelsim_job::plan::Plan;
-use gelsim_job::probe::foresee;
-use gelsim_job::sample::{Accepted, Sample, Unfit, accept};
-use gelsim_job::sequence::{self, Shown};
-use gelsim_lab::tradeoff::choose::choose;
+use gelsim_job::probe::preview_job;
+use gelsim_job::sample::{AcceptedSample, RejectedSample, Sample, accept_sample};
+use gelsim_job::sequence::{self, SequenceEvent};
+use gelsim_lab::tradeoff::choose::choose_level;
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyTuple};
 use rayon::prelude::*;
 
-use crate::arguments::{self, Given, assignments, each, first, flag, whole};
-use crate::arrays::{Arrays, need_numpy, parsed};
-use crate::errors::{fidelity_level, named, panicked, running, usage, warn};
-use crate::threads::{checked, pool};
+use crate::arguments::{
+    self, OptionalArgument, extract_assignments, extract_each, extract_flag, extract_whole_number, first_text,
+};
+use crate::arrays::{Arrays, parse_json, require_numpy};
+use crate::errors::{emit_warnings, fidelity_level, find_by_name, panic_error, runtime_error, usage_error};
+use crate::threads::{extract_thread_count, shared_pool};
 
-/// Samples that each thread renders before Python may look at signals.
+/// Samples that each thread renders between two looks at signals.
 const BLOCK: usize = 8;
 
-/// What a job takes, to whoever gives what is no such number at all; the rest is said with all other mistakes of the job.
-const MOST_SAMPLES: &str = "give 1 to 1000000000";
+/// Help for a value that is no number of samples at all; other mistakes are reported with all those of the job.
+const ALLOWED_SAMPLES: &str = "give 1 to 1000000000";
 
-/// JSON's readers take larger ones for floats.
-pub const LARGEST_SEED: &str = "give 0 to 9007199254740991";
+/// Help for a seed out of range: readers of JSON take larger integers for floats.
+pub const ALLOWED_SEEDS: &str = "give 0 to 9007199254740991";
 
 /// A job as a map-style dataset: sample `i` is what `gelsim generate` writes, rendered when it is asked for.
 ///
@@ -47,25 +49,25 @@ pub const LARGEST_SEED: &str = "give 0 to 9007199254740991";
 #[pyclass(frozen, module = "gelsim")]
 pub struct Job {
     plan: Arc<Plan>,
-    /// The same as text, for other processes.
+    /// The plan as text, to rebuild it in another process.
     text: String,
     threads: Option<usize>,
 }
 
-/// A sample, made without Python.
-enum Rendered {
+/// A rendered sample, without Python objects.
+enum RenderedSample {
     Press(Arrays),
-    /// Its frames, and its label.
+    /// Frames, and the label.
     Sequence(Vec<Arrays>, Vec<u8>),
-    /// Its left and its right finger, and its label.
+    /// Left and right finger, and the label.
     Grip(Box<[Arrays; 2]>, Vec<u8>),
-    /// Such fingers of its frames, and its label.
+    /// Left and right finger of each frame, and the label.
     GripSequence(Vec<[Arrays; 2]>, Vec<u8>),
 }
 
-impl Rendered {
-    /// A press as [`Arrays::into_dict`] has it; of a sequence `frames`, each such a dictionary, of a grip `left` and `right`, and
-    /// the `label` of all.
+impl RenderedSample {
+    /// Returns a press as [`Arrays::into_dict`] does, a sequence as `frames`, a grip as `left` and `right`, both with
+    /// one `label`.
     fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
         match self {
             Self::Press(arrays) => arrays.into_dict(py),
@@ -76,73 +78,75 @@ impl Rendered {
                 }
                 let dict = PyDict::new(py);
                 dict.set_item("frames", list)?;
-                dict.set_item("label", parsed(py, &label)?)?;
+                dict.set_item("label", parse_json(py, &label)?)?;
                 Ok(dict)
             }
             Self::Grip(fingers, label) => {
-                let dict = both(py, *fingers)?;
-                dict.set_item("label", parsed(py, &label)?)?;
+                let dict = pair_dict(py, *fingers)?;
+                dict.set_item("label", parse_json(py, &label)?)?;
                 Ok(dict)
             }
             Self::GripSequence(frames, label) => {
                 let list = PyList::empty(py);
                 for fingers in frames {
-                    list.append(both(py, fingers)?)?;
+                    list.append(pair_dict(py, fingers)?)?;
                 }
                 let dict = PyDict::new(py);
                 dict.set_item("frames", list)?;
-                dict.set_item("label", parsed(py, &label)?)?;
+                dict.set_item("label", parse_json(py, &label)?)?;
                 Ok(dict)
             }
         }
     }
 }
 
-/// `left` and `right`, each as a press has it, without label.
-fn both(py: Python<'_>, fingers: [Arrays; 2]) -> PyResult<Bound<'_, PyDict>> {
+/// Returns `left` and `right`, each as of a press without label.
+fn pair_dict(py: Python<'_>, fingers: [Arrays; 2]) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
-    for (name, arrays) in FINGERS.into_iter().zip(fingers) {
+    for (name, arrays) in FINGER_NAMES.into_iter().zip(fingers) {
         dict.set_item(name, arrays.into_dict(py)?)?;
     }
     Ok(dict)
 }
 
-/// What pickle wants to know: a function of the module, and its arguments.
-pub type Pickled<'py, Arguments> = PyResult<(Bound<'py, PyAny>, Arguments)>;
+/// What `__reduce__` returns: a function of the module, and its arguments.
+pub type PickleParts<'py, Arguments> = PyResult<(Bound<'py, PyAny>, Arguments)>;
 
 /// Rebuilds a job in another process.
 #[pyfunction]
 #[pyo3(name = "_job_of_text")]
-pub fn job_of_text(py: Python<'_>, text: &Bound<'_, PyAny>, threads: Given<'_, '_>) -> PyResult<Job> {
-    let text = arguments::text("text", text)?;
+pub fn job_of_text(py: Python<'_>, text: &Bound<'_, PyAny>, threads: OptionalArgument<'_, '_>) -> PyResult<Job> {
+    let text = arguments::extract_text("text", text)?;
     Job::new(py, threads, || Plan::read("the pickled job", text, Path::new(""), &Overrides::default()))
 }
 
 impl Job {
-    /// What its samples depend on.
+    /// Returns the plan of the job.
     pub fn plan(&self) -> Arc<Plan> {
         Arc::clone(&self.plan)
     }
 
+    /// Reads a job on the pool of `threads`, and settles its fidelity level.
     fn new(
         py: Python<'_>,
-        threads: Given<'_, '_>,
+        threads: OptionalArgument<'_, '_>,
         read: impl FnOnce() -> Result<Plan, Report> + Send,
     ) -> PyResult<Self> {
-        need_numpy(py)?;
-        let threads = checked(threads)?;
-        let pool = pool(py, threads)?;
-        let plan = py.detach(|| pool.install(|| settled(read()?))).map_err(|report| usage(&report))?;
-        let text = plan.to_toml().map_err(|error| running(error.to_string()))?;
+        require_numpy(py)?;
+        let threads = extract_thread_count(threads)?;
+        let pool = shared_pool(py, threads)?;
+        let plan = py.detach(|| pool.install(|| settle_fidelity(read()?))).map_err(|report| usage_error(&report))?;
+        let text = plan.to_toml().map_err(|error| runtime_error(error.to_string()))?;
         Ok(Self { plan: Arc::new(plan), text, threads })
     }
 
-    /// The number of a sample that Python asks for; negative ones count from the end.
-    fn index(&self, index: &Bound<'_, PyAny>) -> PyResult<u64> {
-        let samples = self.plan.layout.samples();
+    /// Returns the number of the sample that Python asks for; negative ones count from the end. Raises IndexError if
+    /// there is none.
+    fn resolve_index(&self, index: &Bound<'_, PyAny>) -> PyResult<u64> {
+        let samples = self.plan.layout.sample_count();
         let range = format!("they are numbered 0 to {}", samples - 1);
         let wanted = "a whole number; Job.samples takes several";
-        let Some(index) = arguments::integer("index", index, wanted)? else {
+        let Some(index) = arguments::extract_integer("index", index, wanted)? else {
             return Err(PyIndexError::new_err(format!("there is no sample of this index: {range}")));
         };
         let counted = if index < 0 { index.saturating_add(i128::from(samples)) } else { index };
@@ -152,89 +156,94 @@ impl Job {
         }
     }
 
-    /// Sample `index` as `gelsim generate` writes it.
-    fn render(&self, index: u64) -> PyResult<Rendered> {
+    /// Renders sample `index` as `gelsim generate` writes it.
+    fn render_sample(&self, index: u64) -> PyResult<RenderedSample> {
         let plan = &*self.plan;
-        // Nothing outside is changed by what panics.
+        // A panic leaves nothing half changed that is used later.
         let both = |pair: [Sample; 2]| pair.map(|sample| Arrays::of_frame(plan, sample));
         let rendered = catch_unwind(AssertUnwindSafe(|| match plan.job().sequence {
-            None if plan.job().gripper.is_some() => gripper::accept(plan, index)
-                .map(|gripper::Accepted { grip, .. }| Rendered::Grip(Box::new(both(grip.fingers)), json(&grip.label))),
-            None => accept(plan, index).map(|Accepted { sample, .. }| Rendered::Press(Arrays::new(plan, sample))),
+            None if plan.job().gripper.is_some() => {
+                gripper::accept_grip(plan, index).map(|gripper::AcceptedGrip { grip, .. }| {
+                    RenderedSample::Grip(Box::new(both(grip.fingers)), to_json_line(&grip.label))
+                })
+            }
+            None => accept_sample(plan, index)
+                .map(|AcceptedSample { sample, .. }| RenderedSample::Press(Arrays::new(plan, sample))),
             Some(_) if plan.job().gripper.is_some() => {
                 let mut frames = Vec::new();
-                let accepted = gripper::sequence::accept(plan, index, |shown| {
+                let accepted = gripper::sequence::accept_grip_sequence(plan, index, |shown| {
                     match shown {
-                        Shown::Begin => frames.clear(),
-                        Shown::Frame(pair, _) => frames.push(both(*pair)),
+                        SequenceEvent::Begin => frames.clear(),
+                        SequenceEvent::Frame(pair, _) => frames.push(both(*pair)),
                     }
-                    Ok::<(), Unfit>(())
+                    Ok::<(), RejectedSample>(())
                 })?;
-                Ok(Rendered::GripSequence(frames, json(&accepted.label)))
+                Ok(RenderedSample::GripSequence(frames, to_json_line(&accepted.label)))
             }
             Some(_) => {
                 let mut frames = Vec::new();
-                let accepted = sequence::accept(plan, index, |shown| {
+                let accepted = sequence::accept_sequence(plan, index, |shown| {
                     match shown {
-                        Shown::Begin => frames.clear(),
-                        Shown::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
+                        SequenceEvent::Begin => frames.clear(),
+                        SequenceEvent::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
                     }
-                    Ok::<(), Unfit>(())
+                    Ok::<(), RejectedSample>(())
                 })?;
-                Ok(Rendered::Sequence(frames, json(&accepted.label)))
+                Ok(RenderedSample::Sequence(frames, to_json_line(&accepted.label)))
             }
         }));
         match rendered {
             Ok(Ok(arrays)) => Ok(arrays),
-            Ok(Err(unfit)) => Err(unhealthy(plan, &unfit)),
-            Err(panic) => Err(panicked(&format!("sample {} (seed {})", key(index), plan.seed()), &*panic)),
+            Ok(Err(unfit)) => Err(rejected_sample_error(plan, &unfit)),
+            Err(panic) => Err(panic_error(&format!("sample {} (seed {})", sample_key(index), plan.seed()), &*panic)),
         }
     }
 }
 
-/// What to raise for a sample that the job does not take.
-fn unhealthy(plan: &Plan, unfit: &Unfit) -> PyErr {
+/// Returns the exception for a sample that the job rejects.
+fn rejected_sample_error(plan: &Plan, unfit: &RejectedSample) -> PyErr {
     let help = match plan.output().on_unhealthy {
         OnUnhealthy::Reject => "set=['output.on_unhealthy=\"keep\"'] takes it as it was drawn last",
         OnUnhealthy::Keep | OnUnhealthy::Fail => {
             "set=['output.on_unhealthy=\"keep\"'] takes it as it is, \"reject\" draws it again"
         }
     };
-    running(format!("{unfit}; {help}"))
+    runtime_error(format!("{unfit}; {help}"))
 }
 
-/// The plan at the fidelity level that keeps the bound which the job gives instead of one.
-pub fn settled(mut plan: Plan) -> Result<Plan, Report> {
-    let Some(bound) = plan.open_choice() else { return Ok(plan) };
-    let chosen = choose(&plan, bound)?;
-    plan.notes = plan.notes.and(Diagnostic::note(chosen.to_string()).into());
+/// Returns the plan with a fidelity level: the job's, or the fastest that keeps the error bound which the job gives
+/// instead.
+pub fn settle_fidelity(mut plan: Plan) -> Result<Plan, Report> {
+    let Some(bound) = plan.open_fidelity_choice() else { return Ok(plan) };
+    let chosen = choose_level(&plan, bound)?;
+    plan.notes = plan.notes.merged_with(Diagnostic::note(chosen.to_string()).into());
     Ok(plan.with_fidelity(chosen.level))
 }
 
-/// What the command's flags of the same names say of a job.
-pub fn overrides(
-    samples: Given<'_, '_>,
-    seed: Given<'_, '_>,
-    fidelity: Given<'_, '_>,
-    all_effects: Given<'_, '_>,
-    set: Given<'_, '_>,
+/// Returns the overrides that the arguments describe. They have the names of the command's flags.
+pub fn extract_overrides(
+    samples: OptionalArgument<'_, '_>,
+    seed: OptionalArgument<'_, '_>,
+    fidelity: OptionalArgument<'_, '_>,
+    all_effects: OptionalArgument<'_, '_>,
+    set: OptionalArgument<'_, '_>,
 ) -> PyResult<Overrides> {
-    Ok(Overrides::of_flags(
-        whole("samples", samples, MOST_SAMPLES)?,
-        whole("seed", seed, LARGEST_SEED)?,
+    Ok(Overrides::from_flags(
+        extract_whole_number("samples", samples, ALLOWED_SAMPLES)?,
+        extract_whole_number("seed", seed, ALLOWED_SEEDS)?,
         fidelity.map(fidelity_level).transpose()?,
-        flag("all_effects", all_effects)?,
-        &assignments("set", set)?,
+        extract_flag("all_effects", all_effects)?,
+        &extract_assignments("set", set)?,
     ))
 }
 
 #[pymethods]
 impl Job {
-    /// Whoever calls the class itself is told what makes a job.
+    /// Raises a TypeError that says how to make a job: the class itself cannot be called.
     #[new]
     #[pyo3(signature = (*given, **named), text_signature = None)]
-    fn itself(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let path = first(given, named).unwrap_or_else(|| String::from("job.toml"));
+    fn refuse_call(given: &Bound<'_, PyTuple>, named: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let path = first_text(given, named).unwrap_or_else(|| String::from("job.toml"));
         Err(PyTypeError::new_err(format!(
             "gelsim.Job is not made by calling it: gelsim.Job.load({path:?}) reads a job"
         )))
@@ -254,37 +263,37 @@ impl Job {
     fn load(
         py: Python<'_>,
         path: &Bound<'_, PyAny>,
-        samples: Given<'_, '_>,
-        seed: Given<'_, '_>,
-        fidelity: Given<'_, '_>,
-        all_effects: Given<'_, '_>,
-        set: Given<'_, '_>,
-        threads: Given<'_, '_>,
+        samples: OptionalArgument<'_, '_>,
+        seed: OptionalArgument<'_, '_>,
+        fidelity: OptionalArgument<'_, '_>,
+        all_effects: OptionalArgument<'_, '_>,
+        set: OptionalArgument<'_, '_>,
+        threads: OptionalArgument<'_, '_>,
     ) -> PyResult<Self> {
-        let path = arguments::path("path", path)?;
-        let overrides = overrides(samples, seed, fidelity, all_effects, set)?;
+        let path = arguments::extract_path("path", path)?;
+        let overrides = extract_overrides(samples, seed, fidelity, all_effects, set)?;
         let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
-        let pool = pool(py, job.threads)?;
-        let foreseen = py.detach(|| pool.install(|| foresee(&job.plan)));
-        warn(py, &foreseen.notes)?;
+        let pool = shared_pool(py, job.threads)?;
+        let foreseen = py.detach(|| pool.install(|| preview_job(&job.plan)));
+        emit_warnings(py, &foreseen.notes)?;
         Ok(job)
     }
 
     /// Sample `index`, rendered on this thread, without the GIL. Negative ones count from the end.
     fn sample<'py>(&self, py: Python<'py>, index: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyDict>> {
-        let index = self.index(index)?;
-        py.detach(|| self.render(index))?.into_dict(py)
+        let index = self.resolve_index(index)?;
+        py.detach(|| self.render_sample(index))?.into_dict(py)
     }
 
     /// Several samples in this order, rendered on the job's threads.
     fn samples<'py>(&self, py: Python<'py>, indices: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
-        let numbers = each("indices", indices, "a list of whole numbers", |index| self.index(index))?;
-        let pool = pool(py, self.threads)?;
+        let numbers = extract_each("indices", indices, "a list of whole numbers", |index| self.resolve_index(index))?;
+        let pool = shared_pool(py, self.threads)?;
         let list = PyList::empty(py);
-        // A sequence holds the arrays of all its frames.
+        // A sequence holds the arrays of all its frames, so one per thread is enough.
         let each = if self.plan.job().sequence.is_some() { 1 } else { BLOCK };
         for block in numbers.chunks(each * pool.current_num_threads()) {
-            let render = || block.par_iter().map(|index| self.render(*index)).collect::<PyResult<Vec<_>>>();
+            let render = || block.par_iter().map(|index| self.render_sample(*index)).collect::<PyResult<Vec<_>>>();
             for rendered in py.detach(|| pool.install(render))? {
                 list.append(rendered.into_dict(py)?)?;
             }
@@ -308,13 +317,13 @@ impl Job {
     }
 
     fn __len__(&self) -> usize {
-        self.plan.layout.samples() as usize
+        self.plan.layout.sample_count() as usize
     }
 
     /// The samples of the split `train`, `val` or `test`, ascending.
     fn indices(&self, split: &Bound<'_, PyAny>) -> PyResult<Vec<u64>> {
-        let split = arguments::text("split", split)?;
-        let split = named("split", &split, Split::ALL.map(|known| (known.name(), known)))?;
+        let split = arguments::extract_text("split", split)?;
+        let split = find_by_name("split", &split, Split::ALL.map(|known| (known.name(), known)))?;
         let layout = &self.plan.layout;
         Ok((0..layout.samples_in(split)).map(|position| layout.index_of(split, position)).collect())
     }
@@ -364,7 +373,7 @@ impl Job {
         )
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> Pickled<'py, (&str, Option<usize>)> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PickleParts<'py, (&str, Option<usize>)> {
         Ok((py.import("gelsim._native")?.getattr("_job_of_text")?, (&self.text, self.threads)))
     }
 }

@@ -1,4 +1,4 @@
-//! The Python module `gelsim._native`; `python/gelsim` is the package around it.
+//! The Python module `gelsim._native`. The package around it is `python/gelsim`.
 
 #![forbid(unsafe_code)]
 
@@ -13,8 +13,7 @@ mod sensor;
 mod simulator;
 mod threads;
 
-/// Keeps freed memory for the next sample, as the command does. Python's own memory is not touched, nor how its process
-/// allocates.
+/// Keeps freed memory for the next sample, as the command does. Python's own allocations are not affected.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -24,7 +23,7 @@ mod _native {
 
     use pyo3::prelude::*;
 
-    use crate::arguments::words;
+    use crate::arguments::extract_words;
     #[pymodule_export]
     use crate::errors::{RunError, UsageError};
     #[pymodule_export]
@@ -42,10 +41,11 @@ mod _native {
     #[allow(non_upper_case_globals, reason = "the name that Python gives to it")]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
-    /// Has pyo3 see once that Python runs. While Python ends it says that it does not, and pyo3 would panic at an error.
+    /// Lets pyo3 see once that Python runs. While Python shuts down it says that it is not running, and pyo3 would
+    /// panic at the next error.
     #[pymodule_init]
-    fn begin(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // It looks only where it has not got Python's lock already.
+    fn attach_once(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // pyo3 looks only when it takes Python's lock anew, so it is released first.
         module.py().detach(|| Python::attach(|_| Ok(())))
     }
 
@@ -54,7 +54,7 @@ mod _native {
     /// Once per process, and from its main thread: it takes over SIGINT and SIGTERM.
     #[pyfunction]
     fn main(py: Python<'_>, argv: &Bound<'_, PyAny>) -> PyResult<u8> {
-        let argv = words("argv", argv)?;
+        let argv = extract_words("argv", argv)?;
         Ok(py.detach(|| catch_unwind(|| gelsim_cli::main(argv)).unwrap_or(gelsim_cli::PANICKED)))
     }
 }

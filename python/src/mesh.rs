@@ -1,18 +1,18 @@
-//! Meshes that are pressed: read from a file, or given as arrays.
+//! Meshes to press: read from a file, or given as arrays.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::mesh::{CleanupReport, Mesh};
-use gelsim_files::mesh::{self, Reading};
+use gelsim_files::mesh::{self, MeshReadOptions};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
-use crate::errors::mistake;
-use crate::threads::pool;
+use crate::errors::mistake_error;
+use crate::threads::shared_pool;
 
-/// A mesh, cleaned and made ready to be pressed; `gelsim.Mesh` has one.
+/// A mesh that was cleaned and prepared for pressing; held by `gelsim.Mesh`.
 #[pyclass(frozen, module = "gelsim._native")]
 pub struct ReadyMesh {
     pub clusters: Arc<Clusters>,
@@ -21,6 +21,7 @@ pub struct ReadyMesh {
 }
 
 impl ReadyMesh {
+    /// Prepares a mesh, and finds its bounds in the file's own coordinates.
     fn new(mesh: &Mesh) -> Self {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for vertex in &mesh.vertices {
@@ -47,27 +48,27 @@ impl ReadyMesh {
     }
 }
 
-/// What to warn of.
-fn remarks(cleaned: &CleanupReport, others: impl Iterator<Item = String>) -> Vec<String> {
+/// Returns the warnings about a mesh.
+fn collect_remarks(cleaned: &CleanupReport, others: impl Iterator<Item = String>) -> Vec<String> {
     cleaned.warning().into_iter().chain(others).collect()
 }
 
-/// The mesh of a file, and what to warn of.
+/// Reads the mesh of a file. Returns it, and warnings about it.
 #[pyfunction]
 pub fn mesh_of_file(py: Python<'_>, path: PathBuf, mm_per_unit: Option<f64>) -> PyResult<(ReadyMesh, Vec<String>)> {
-    let pool = pool(py, None)?;
-    // Reading divides its work.
+    let pool = shared_pool(py, None)?;
+    // Reading works in parallel, and must not use rayon's global pool.
     py.detach(|| {
         pool.install(|| {
-            let loaded = mesh::load(&path, Reading { mm_per_unit, ..Reading::default() });
-            let loaded = loaded.map_err(|error| mistake(error.to_string(), error.help()))?;
+            let loaded = mesh::load(&path, MeshReadOptions { mm_per_unit, ..MeshReadOptions::default() });
+            let loaded = loaded.map_err(|error| mistake_error(error.to_string(), error.help()))?;
             let read = loaded.remarks.iter().map(|remark| format!("{remark}; {}", remark.help()));
-            Ok((ReadyMesh::new(&loaded.mesh), remarks(&loaded.cleaned, read)))
+            Ok((ReadyMesh::new(&loaded.mesh), collect_remarks(&loaded.cleaned, read)))
         })
     })
 }
 
-/// The mesh of corners and triangles, and what to warn of.
+/// Makes a mesh of vertices (N, 3), mm, and triangles (M, 3). Returns it, and warnings about it.
 #[pyfunction]
 pub fn mesh_of_arrays(
     py: Python<'_>,
@@ -76,13 +77,13 @@ pub fn mesh_of_arrays(
 ) -> PyResult<(ReadyMesh, Vec<String>)> {
     let (vertices_mm, faces) = (vertices_mm.as_array(), faces.as_array());
     if vertices_mm.ncols() != 3 || faces.ncols() != 3 {
-        return Err(mistake("vertices and faces have three columns each", "give arrays (N, 3) and (M, 3)"));
+        return Err(mistake_error("vertices and faces have three columns each", "give arrays (N, 3) and (M, 3)"));
     }
     let vertices = vertices_mm.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
     let triangles = faces.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
     py.detach(|| {
         let help = "vertices_mm is (N, 3) in mm, faces (M, 3) counts in it from 0";
-        let (mesh, cleaned) = Mesh::new(vertices, triangles).map_err(|error| mistake(error.to_string(), help))?;
-        Ok((ReadyMesh::new(&mesh), remarks(&cleaned, std::iter::empty())))
+        let (mesh, cleaned) = Mesh::new(vertices, triangles).map_err(|error| mistake_error(error.to_string(), help))?;
+        Ok((ReadyMesh::new(&mesh), collect_remarks(&cleaned, std::iter::empty())))
     })
 }

@@ -1,5 +1,5 @@
-//! What `gelsim.Simulator` is made of: meshes and height maps pressed one by one, or frame after frame. `python/gelsim/simulator.py` is
-//! the class that users see.
+//! The engine of `gelsim.Simulator`: presses meshes and height maps one by one, or frame after frame with friction.
+//! `python/gelsim/simulator.py` has the class that users see.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -12,8 +12,8 @@ use gelsim_core::depth::indenter::Shape;
 use gelsim_core::depth::patterns::Procedural;
 use gelsim_core::depth::relief::Relief;
 use gelsim_core::depth::texture::{TexturePlacement, TextureSample};
+use gelsim_core::gelpad::elastic::elastic_object::ElasticObject;
 use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
-use gelsim_core::gelpad::elastic::soft::ElasticObject;
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
 use gelsim_core::gelpad::tangential::Shear;
@@ -21,95 +21,96 @@ use gelsim_core::impression::Impression;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
 use gelsim_core::simulator::Simulator;
-use gelsim_dataset::encode::json;
-use gelsim_dataset::frames::sequence::{lowest_mm, motion, turn_rad};
+use gelsim_dataset::encode::to_json_line;
+use gelsim_dataset::frames::sequence::{find_lowest_point, motion_between, turn_rad};
 use gelsim_job::label::Label;
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::layout::Split;
-use gelsim_job::plan::{Plan, Sampling};
+use gelsim_job::plan::{Plan, SampleSources};
 use gelsim_job::sample::Sample;
-use gelsim_job::scene::{DrawnTexture, Frame, KnownPress, Pressed, Scene};
+use gelsim_job::scene::{DepthFrame, DrawnTexture, KnownPress, PressSource, Scene};
 use gelsim_job::sequence::label::FrameLabel;
 use glam::{DMat3, DQuat, DVec3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arguments::{Given, assignments, whole};
-use crate::arrays::{image, layer, parsed};
-use crate::depth::Depth;
-use crate::errors::{mistake, named, panicked, running, usage, warn};
-use crate::job::LARGEST_SEED;
+use crate::arguments::{OptionalArgument, extract_assignments, extract_whole_number};
+use crate::arrays::{image_array, layer_array, parse_json};
+use crate::depth::DepthMaps;
+use crate::errors::{emit_warnings, find_by_name, mistake_error, panic_error, runtime_error, usage_error};
+use crate::job::ALLOWED_SEEDS;
 use crate::mesh::ReadyMesh;
-use crate::sensor::{LARGEST_INDEX, Sensor};
+use crate::sensor::{ALLOWED_INDICES, Sensor};
 
-/// Pixels along the longer side of the view of which a contact rolls at most one in a step.
+/// A contact rolls in one step by at most the longer side of the view over this.
 const ROLLING_PX: f64 = 160.0;
 
-/// Largest turn of a step, degrees: the law of friction takes its chord for the way.
-const MOST_TURN_DEG: f64 = 5.0;
+/// Largest turn in one step, degrees: friction takes the straight chord for the path.
+const MAX_TURN_DEG: f64 = 5.0;
 
-/// Steps of a frame: an object that goes further has gone a way that nobody knows.
-const MOST_STEPS: f64 = 400.0;
+/// Most steps in a frame: how an object moved that turned further is unknown.
+const MAX_STEPS: f64 = 400.0;
 
-/// Share of the depth at which an object first touches in its frame, as in a job's sequences.
+/// Fraction of the depth at which an object first touches within its frame, as in a job's sequences.
 const FIRST_TOUCH: f64 = 1.0 / 16.0;
 
-/// What holds the pad to an object if nobody says it, as in a job's `[sequence]`.
-const FRICTION: Friction = Friction::Coulomb { coefficient: 0.6 };
+/// Friction unless the caller gives one, as in a job's `[sequence]`.
+const DEFAULT_FRICTION: Friction = Friction::Coulomb { coefficient: 0.6 };
 
-/// A sensor made ready at a fidelity level; `gelsim.Simulator` has one.
+/// A sensor prepared at a fidelity level; held by `gelsim.Simulator`.
 #[pyclass(frozen, module = "gelsim._native")]
 pub struct Engine {
     plan: Plan,
-    /// The patterns that were cut into objects.
+    /// Reliefs of the patterns that were used so far.
     reliefs: Mutex<Vec<(&'static str, Arc<Relief>)>>,
-    /// Locks are taken with the GIL only, and not for long: no process that is forked finds one taken.
-    sequence: Mutex<Sequence>,
+    /// State of the sequence. Locks are taken only while the GIL is held, and only briefly: a process that is forked
+    /// never finds one taken.
+    sequence: Mutex<SequenceState>,
 }
 
-/// Where a sequence is.
-enum Sequence {
+/// State of a sequence.
+enum SequenceState {
     /// Before its first frame.
-    Begun(Begun),
-    Moving(Box<Moving>),
-    /// A thread is at a frame of it.
+    Begun(SequenceStart),
+    Moving(Box<MovingSequence>),
+    /// A thread is rendering a frame of it.
     Busy,
 }
 
-/// What a sequence begins with.
+/// Settings with which a sequence begins.
 #[derive(Clone, Copy)]
-struct Begun {
+struct SequenceStart {
     friction: Friction,
     index: u64,
     seed: u64,
 }
 
-/// A sequence after a frame.
-struct Moving {
-    begun: Begun,
-    /// The first frame: what is drawn of print, camera and unit holds for all.
-    first: Scene,
+/// State of a sequence after a frame.
+struct MovingSequence {
+    begun: SequenceStart,
+    /// Scene of the first frame. What it draws for print, camera and unit holds for all frames.
+    first_scene: Scene,
     simulator: Arc<Simulator>,
     sliding: Sliding,
-    last: Pose,
+    last_pose: Pose,
     last_depth_mm: f64,
-    /// Where the texture lay in the first frame.
-    laid: TexturePlacement,
-    frames: u64,
+    /// Placement of the texture in the first frame: it moves with the object.
+    texture_placement: TexturePlacement,
+    frame_count: u64,
 }
 
-/// Where an object is, as `gelsim.Pose` or as `gelsim.Placement` says it.
+/// Place of an object, given as `gelsim.Pose` or as `gelsim.Placement`.
 #[derive(FromPyObject)]
-pub enum Place {
+pub enum ObjectPlace {
     #[pyo3(transparent)]
-    Posed(Posed),
+    Posed(PoseArgument),
     #[pyo3(transparent)]
-    Placed(Placed),
+    Placed(PlacementArgument),
 }
 
-/// `gelsim.Pose`, which has checked its numbers.
+/// `gelsim.Pose`. The Python class has checked its numbers.
 #[derive(FromPyObject)]
-pub struct Posed {
+pub struct PoseArgument {
     depth_mm: f64,
     x_mm: f64,
     y_mm: f64,
@@ -122,14 +123,14 @@ pub struct Posed {
 
 /// `gelsim.Placement`.
 #[derive(FromPyObject)]
-pub struct Placed {
+pub struct PlacementArgument {
     translation_mm: [f64; 3],
     quaternion_xyzw: [f64; 4],
 }
 
 /// `gelsim.Texture`.
 #[derive(FromPyObject)]
-pub struct Cut {
+pub struct TextureArgument {
     pattern: String,
     amplitude_mm: f64,
     scale_mm: f64,
@@ -139,47 +140,47 @@ pub struct Cut {
 
 /// `gelsim.Shear`.
 #[derive(FromPyObject)]
-pub struct Pushed {
+pub struct ShearArgument {
     x_mm: f64,
     y_mm: f64,
     twist_deg: f64,
 }
 
-/// What a press gave; `gelsim.Impression` has one.
+/// Result of a press; held by `gelsim.Impression`.
 #[pyclass(frozen, module = "gelsim._native")]
 pub struct Pressing {
     sample: Sample,
-    /// Of a frame of a sequence.
+    /// Label of the frame, in a sequence.
     frame: Option<FrameLabel>,
     number: Option<u64>,
 }
 
-/// An object that was read, and where it is.
-struct Object {
+/// An object that was read, and its pose.
+struct PlacedObject {
     name: String,
     shape: Shape,
     pose: Pose,
-    /// How deep its lowest point is, mm; 0 or less without contact.
+    /// Depth of its lowest point, mm; 0 or less without contact.
     depth_mm: f64,
-    /// The point that a shear turns it about, mm.
+    /// Point about which a shear turns it, mm.
     about_mm: [f64; 2],
 }
 
-impl Place {
-    /// The pose of a mesh, how deep that is, and the point that it places.
-    fn of_mesh(&self, clusters: &Clusters) -> PyResult<(Pose, f64, [f64; 2])> {
+impl ObjectPlace {
+    /// Returns the pose of a mesh, its depth, mm, and the point about which it turns, mm.
+    fn resolve_for_mesh(&self, clusters: &Clusters) -> PyResult<(Pose, f64, [f64; 2])> {
         match self {
-            Self::Posed(Posed { depth_mm, x_mm, y_mm, yaw_deg, tilt_deg, tilt_azimuth_deg, face, anchor }) => {
-                let side = named("face", face, ["+x", "-x", "+y", "-y", "+z", "-z"].into_iter().zip(SIDES))?;
+            Self::Posed(PoseArgument { depth_mm, x_mm, y_mm, yaw_deg, tilt_deg, tilt_azimuth_deg, face, anchor }) => {
+                let side = find_by_name("face", face, ["+x", "-x", "+y", "-y", "+z", "-z"].into_iter().zip(SIDES))?;
                 let anchors = [Anchor::Bounds, Anchor::Origin, Anchor::Contact];
-                let anchor = named("anchor", anchor, ["bounds", "origin", "contact"].into_iter().zip(anchors))?;
+                let anchor = find_by_name("anchor", anchor, ["bounds", "origin", "contact"].into_iter().zip(anchors))?;
                 let [yaw_deg, tilt_deg, tilt_azimuth_deg] = [*yaw_deg, *tilt_deg, *tilt_azimuth_deg];
                 let angles = Angles { yaw_deg, tilt_deg, tilt_azimuth_deg };
                 let pose = Pose::new(side, angles, [*x_mm, *y_mm], anchor, 0.0 - depth_mm, clusters);
-                finite(&pose).map(|pose| (pose, *depth_mm, [*x_mm, *y_mm]))
+                check_finite_pose(&pose).map(|pose| (pose, *depth_mm, [*x_mm, *y_mm]))
             }
             Self::Placed(placed) => {
-                let pose = placed.pose()?;
+                let pose = placed.to_pose()?;
                 let DVec3 { x, y, .. } = pose.translation_mm;
                 Ok((pose, 0.0 - pose.lowest_mm(clusters), [x, y]))
             }
@@ -187,49 +188,58 @@ impl Place {
     }
 }
 
-impl Placed {
-    fn pose(&self) -> PyResult<Pose> {
-        finite(&Pose::placed(self.quaternion_xyzw, self.translation_mm))
+impl PlacementArgument {
+    fn to_pose(&self) -> PyResult<Pose> {
+        check_finite_pose(&Pose::from_quaternion(self.quaternion_xyzw, self.translation_mm))
     }
 }
 
-/// In the order of their names.
+/// Sides in the order of their names.
 const SIDES: [Side; 6] = [Side::PlusX, Side::MinusX, Side::PlusY, Side::MinusY, Side::PlusZ, Side::MinusZ];
 
-/// Refuses a pose that is none.
-fn finite(pose: &Pose) -> PyResult<Pose> {
+/// Fails if a pose has values that are not finite.
+fn check_finite_pose(pose: &Pose) -> PyResult<Pose> {
     let is_finite = pose.rotation.is_finite() && pose.translation_mm.is_finite();
     let refused =
-        || mistake("pose has values that are not finite", "give lengths in mm, and a quaternion other than 0");
+        || mistake_error("pose has values that are not finite", "give lengths in mm, and a quaternion other than 0");
     if is_finite { Ok(*pose) } else { Err(refused()) }
 }
 
 impl Engine {
-    /// Reads what is pressed, and where.
-    fn object(&self, py: Python<'_>, name: &str, given: &Bound<'_, PyAny>, place: Option<&Place>) -> PyResult<Object> {
+    /// Reads an object, a mesh or a height map, and its place. Fails if the two do not fit each other or the sensor.
+    fn read_object(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        given: &Bound<'_, PyAny>,
+        place: Option<&ObjectPlace>,
+    ) -> PyResult<PlacedObject> {
         let thickness_mm = self.plan.thickness_mm();
         if let Ok(mesh) = given.cast::<ReadyMesh>() {
             let clusters = &mesh.get().clusters;
             let help = "pose=gelsim.Pose(0.5) presses it in by 0.5 mm, in the middle of the image";
-            let place = place.ok_or_else(|| mistake("a mesh needs a pose", help))?;
-            let (pose, depth_mm, about_mm) = place.of_mesh(clusters)?;
+            let place = place.ok_or_else(|| mistake_error("a mesh needs a pose", help))?;
+            let (pose, depth_mm, about_mm) = place.resolve_for_mesh(clusters)?;
             if depth_mm > thickness_mm {
                 let message = format!("the object is {depth_mm:.3} mm deep in a pad of {thickness_mm} mm");
-                return Err(mistake(message, "press it less deep, or move the pose out of the pad, along z"));
+                return Err(mistake_error(message, "press it less deep, or move the pose out of the pad, along z"));
             }
             let shape = Shape::Mesh(Arc::clone(clusters));
-            return Ok(Object { name: name.to_owned(), shape, pose, depth_mm, about_mm });
+            return Ok(PlacedObject { name: name.to_owned(), shape, pose, depth_mm, about_mm });
         }
         let sensor = self.plan.simulator.sensor();
         if sensor.shape.is_some() {
             let message = "this sensor's gel has a shape, over which heights have no meaning";
-            return Err(mistake(message, "press a mesh, or depth frames of a camera inside by gelsim.Sensor.render"));
+            return Err(mistake_error(
+                message,
+                "press a mesh, or depth frames of a camera inside by gelsim.Sensor.render",
+            ));
         }
-        let input = Depth::array(given, false)?;
-        let depth = Depth::new(&input);
+        let input = DepthMaps::extract_input(given, false)?;
+        let depth = DepthMaps::new(&input);
         let ([width, height], found) = (self.plan.simulator.view().resolution_px, depth.resolution_px());
-        if depth.batch().is_some() {
-            return Err(mistake(
+        if depth.batch_size().is_some() {
+            return Err(mistake_error(
                 "heights of several presses",
                 "give one map (rows, columns); gelsim.Sensor.render takes several",
             ));
@@ -239,30 +249,30 @@ impl Engine {
                 format!("depth_mm has {} rows and {} columns, the sensor {height} and {width}", found[1], found[0]);
             let help =
                 format!("gelsim.Simulator(..., resolution_px=({}, {})) has as many as the map", found[0], found[1]);
-            return Err(mistake(message, help));
+            return Err(mistake_error(message, help));
         }
-        let seen = py.detach(|| depth.look(0..1, thickness_mm));
-        warn(py, &depth.judge(&seen, thickness_mm).map_err(|report| usage(&report))?)?;
+        let seen = py.detach(|| depth.inspect(0..1, thickness_mm));
+        emit_warnings(py, &depth.report_findings(&seen, thickness_mm).map_err(|report| usage_error(&report))?)?;
         let map = HeightMap { above_mm: depth.above_mm(0), unseen_px: 0 };
-        // It was looked at, but whoever writes to the array does not wait.
+        // The values were checked, but another thread may write to the array meanwhile.
         if map.above_mm.data.iter().any(|mm| mm.is_nan() || *mm == f32::NEG_INFINITY) {
-            return Err(running("depth_mm has changed while it was read; give a copy: depth_mm.copy()"));
+            return Err(runtime_error("depth_mm has changed while it was read; give a copy: depth_mm.copy()"));
         }
         let pose = match place {
             None => Pose::IDENTITY,
-            Some(Place::Placed(placed)) => placed.pose()?,
-            Some(Place::Posed(_)) => {
+            Some(ObjectPlace::Placed(placed)) => placed.to_pose()?,
+            Some(ObjectPlace::Posed(_)) => {
                 let help = "gelsim.Placement says where the object is that the heights show, or leave pose out";
-                return Err(mistake("heights are where they are: gelsim.Pose does not move them", help));
+                return Err(mistake_error("heights are where they are: gelsim.Pose does not move them", help));
             }
         };
         let (depth_mm, DVec3 { x, y, .. }) = (map.indentation_depth_mm(), pose.translation_mm);
         let shape = Shape::HeightMap(Arc::new(map));
-        Ok(Object { name: name.to_owned(), shape, pose, depth_mm, about_mm: [x, y] })
+        Ok(PlacedObject { name: name.to_owned(), shape, pose, depth_mm, about_mm: [x, y] })
     }
 
-    /// A texture that was asked for.
-    fn texture(&self, py: Python<'_>, cut: &Cut) -> PyResult<DrawnTexture> {
+    /// Returns a texture as it was asked for. The relief of a pattern is made once.
+    fn make_texture(&self, py: Python<'_>, cut: &TextureArgument) -> PyResult<DrawnTexture> {
         const PATTERNS: [(&str, Procedural); 5] = [
             ("noise", Procedural::Noise),
             ("brushed", Procedural::Brushed),
@@ -271,7 +281,7 @@ impl Engine {
             ("dimples", Procedural::Dimples),
         ];
         let find = |(name, pattern): (&'static str, Procedural)| (name, (name, pattern));
-        let (pattern, procedural) = named("pattern", &cut.pattern, PATTERNS.map(find))?;
+        let (pattern, procedural) = find_by_name("pattern", &cut.pattern, PATTERNS.map(find))?;
         let reliefs = || self.reliefs.lock().unwrap_or_else(PoisonError::into_inner);
         let known = reliefs().iter().find(|(known, _)| *known == pattern).map(|(_, relief)| Arc::clone(relief));
         let relief = match known {
@@ -282,28 +292,33 @@ impl Engine {
                 relief
             }
         };
-        let Cut { amplitude_mm, scale_mm, angle_deg, offset, .. } = *cut;
+        let TextureArgument { amplitude_mm, scale_mm, angle_deg, offset, .. } = *cut;
         Ok(DrawnTexture { pattern, relief, sample: TextureSample { amplitude_mm, scale_mm, angle_deg, offset } })
     }
 
-    fn bug(&self, what: &str, panic: &(dyn Any + Send)) -> PyErr {
-        panicked(what, panic)
+    fn panic_error(&self, what: &str, panic: &(dyn Any + Send)) -> PyErr {
+        panic_error(what, panic)
     }
 }
 
-/// An object as a scene, with what is drawn for sample `index`.
-fn scene(plan: &Plan, index: u64, object: Object, texture: Option<DrawnTexture>) -> Scene {
-    let Object { name, shape, pose, depth_mm, about_mm } = object;
-    let pressed = Pressed::Frame(Frame { id: name, class: String::new(), shape });
+/// Makes the scene of an object, with everything else drawn as for sample `index`.
+fn build_scene(plan: &Plan, index: u64, object: PlacedObject, texture: Option<DrawnTexture>) -> Scene {
+    let PlacedObject { name, shape, pose, depth_mm, about_mm } = object;
+    let pressed = PressSource::Frame(DepthFrame { id: name, class: String::new(), shape });
     let indentation_depth_mm = depth_mm.max(0.0);
-    let mut scene =
-        Scene::given(plan, index, 0, KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm });
+    let mut scene = Scene::from_known_press(
+        plan,
+        index,
+        0,
+        KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm },
+    );
     scene.motion.about_mm = about_mm;
     scene.texture = texture.or(scene.texture);
     scene
 }
 
-fn described(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>, impression: Impression) -> Sample {
+/// Makes the sample of an impression, with its label.
+fn label_sample(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>, impression: Impression) -> Sample {
     let label = Label::describe(plan, scene, &simulator, &impression, None);
     let seconds: Seconds = impression.seconds;
     Sample { simulator, impression, numbered: None, label, seconds }
@@ -317,22 +332,26 @@ impl Engine {
         sensor: &Sensor,
         fidelity: &Bound<'_, PyAny>,
         resolution_px: Option<[usize; 2]>,
-        set: Given<'_, '_>,
+        set: OptionalArgument<'_, '_>,
         flow: bool,
     ) -> PyResult<Self> {
         let layers = if flow { vec![OutputLayer::Flow] } else { Vec::new() };
-        let set = assignments("set", set)?;
-        let plan = sensor.plan(py, crate::errors::fidelity_level(fidelity)?, resolution_px, &set, &layers)?;
-        warn(py, &sensor.news(&plan))?;
-        let begun = Begun { friction: FRICTION, index: 0, seed: 0 };
-        Ok(Self { plan, reliefs: Mutex::default(), sequence: Mutex::new(Sequence::Begun(begun)) })
+        let set = extract_assignments("set", set)?;
+        let plan = sensor.plan_with(py, crate::errors::fidelity_level(fidelity)?, resolution_px, &set, &layers)?;
+        emit_warnings(py, &sensor.new_notes(&plan))?;
+        let begun = SequenceStart { friction: DEFAULT_FRICTION, index: 0, seed: 0 };
+        Ok(Self { plan, reliefs: Mutex::default(), sequence: Mutex::new(SequenceState::Begun(begun)) })
     }
 
-    /// The same with a sequence of its own.
+    /// Returns a copy with a sequence of its own.
     fn copy(&self) -> Self {
         let reliefs = self.reliefs.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let begun = Begun { friction: FRICTION, index: 0, seed: 0 };
-        Self { plan: self.plan.clone(), reliefs: Mutex::new(reliefs), sequence: Mutex::new(Sequence::Begun(begun)) }
+        let begun = SequenceStart { friction: DEFAULT_FRICTION, index: 0, seed: 0 };
+        Self {
+            plan: self.plan.clone(),
+            reliefs: Mutex::new(reliefs),
+            sequence: Mutex::new(SequenceState::Begun(begun)),
+        }
     }
 
     #[getter]
@@ -345,205 +364,223 @@ impl Engine {
         self.plan.fidelity().name()
     }
 
-    /// One press.
+    /// Renders one press.
     #[expect(clippy::too_many_arguments, reason = "each is a keyword of Python's")]
     fn press(
         &self,
         py: Python<'_>,
         name: &str,
         object: &Bound<'_, PyAny>,
-        pose: Option<Place>,
-        texture: Option<Cut>,
-        shear: Option<Pushed>,
+        pose: Option<ObjectPlace>,
+        texture: Option<TextureArgument>,
+        shear: Option<ShearArgument>,
         friction: Option<f64>,
         youngs_modulus_kpa: Option<f64>,
         poisson_ratio: f64,
-        index: Given<'_, '_>,
-        seed: Given<'_, '_>,
+        index: OptionalArgument<'_, '_>,
+        seed: OptionalArgument<'_, '_>,
     ) -> PyResult<Pressing> {
-        let index = whole("index", index, LARGEST_INDEX)?.unwrap_or(0);
-        let plan = self.seeded(whole("seed", seed, LARGEST_SEED)?.unwrap_or(0))?;
-        let object = self.object(py, name, object, pose.as_ref())?;
-        let texture = texture.map(|cut| self.texture(py, &cut)).transpose()?;
+        let index = extract_whole_number("index", index, ALLOWED_INDICES)?.unwrap_or(0);
+        let plan = self.plan_with_seed(extract_whole_number("seed", seed, ALLOWED_SEEDS)?.unwrap_or(0))?;
+        let object = self.read_object(py, name, object, pose.as_ref())?;
+        let texture = texture.map(|cut| self.make_texture(py, &cut)).transpose()?;
         if youngs_modulus_kpa.is_some() && !plan.simulator.models().gelpad.knows_tractions() {
             let message = format!("fidelity `{}` takes every object for rigid", plan.fidelity().name());
-            return Err(mistake(message, "take a finer level, or leave youngs_modulus_kpa out"));
+            return Err(mistake_error(message, "take a finer level, or leave youngs_modulus_kpa out"));
         }
         if shear.is_some() && !plan.simulator.knows_tractions() {
             let message = "nothing shows how the pad moves in its own plane, and so no shear";
             let help = "gelsim.Simulator(..., flow=True) at a finer level than `paper`, or a sensor with markers";
-            return Err(mistake(message, help));
+            return Err(mistake_error(message, help));
         }
         let rendered = catch_unwind(AssertUnwindSafe(|| {
             py.detach(|| {
-                let mut scene = scene(&plan, index, object, texture);
+                let mut scene = build_scene(&plan, index, object, texture);
                 scene.material.friction = friction.map(|coefficient| Friction::Coulomb { coefficient });
                 scene.material.soft =
                     youngs_modulus_kpa.map(|youngs_modulus_kpa| ElasticObject { youngs_modulus_kpa, poisson_ratio });
-                let mut press = scene.press(&plan);
-                if let Some(Pushed { x_mm, y_mm, twist_deg }) = shear {
+                let mut press = scene.to_press(&plan);
+                if let Some(ShearArgument { x_mm, y_mm, twist_deg }) = shear {
                     let Motion { about_mm, .. } = scene.motion;
                     scene.motion = Motion { shift_mm: [x_mm, y_mm], twist_rad: twist_deg.to_radians(), about_mm };
                     press.shear = Some(Shear { motion: scene.motion, friction: plan.job().shear.friction });
                 }
                 let simulator = scene.simulator(&plan);
                 let impression = simulator.press_with(&press);
-                let sampling = Sampling {
+                let sampling = SampleSources {
                     objects: Vec::new(),
                     classes: Vec::new(),
-                    draw: plan.sampling.draw.clone(),
+                    object_samplers: plan.sampling.object_samplers.clone(),
                     textures: Vec::new(),
                     moves_objects: press.shear.is_some(),
                 };
-                // Its label says of a shear what is known only where objects are moved.
+                // The label describes a shear only if the plan moves objects.
                 let mut plan = plan;
                 plan.sampling = Arc::new(sampling);
-                described(&plan, &scene, simulator, impression)
+                label_sample(&plan, &scene, simulator, impression)
             })
         }));
-        let sample = rendered.map_err(|panic| self.bug("this press", &*panic))?;
+        let sample = rendered.map_err(|panic| self.panic_error("this press", &*panic))?;
         Ok(Pressing { sample, frame: None, number: None })
     }
 
-    /// Begins another sequence.
-    fn reset(&self, friction: Option<f64>, index: Given<'_, '_>, seed: Given<'_, '_>) -> PyResult<()> {
-        let begun = Begun {
+    /// Begins a new sequence.
+    fn reset(
+        &self,
+        friction: Option<f64>,
+        index: OptionalArgument<'_, '_>,
+        seed: OptionalArgument<'_, '_>,
+    ) -> PyResult<()> {
+        let begun = SequenceStart {
             friction: friction.map_or(Friction::Stick, |coefficient| Friction::Coulomb { coefficient }),
-            index: whole("index", index, LARGEST_INDEX)?.unwrap_or(0),
-            seed: whole("seed", seed, LARGEST_SEED)?.unwrap_or(0),
+            index: extract_whole_number("index", index, ALLOWED_INDICES)?.unwrap_or(0),
+            seed: extract_whole_number("seed", seed, ALLOWED_SEEDS)?.unwrap_or(0),
         };
-        *self.sequence.lock().unwrap_or_else(PoisonError::into_inner) = Sequence::Begun(begun);
+        *self.sequence.lock().unwrap_or_else(PoisonError::into_inner) = SequenceState::Begun(begun);
         Ok(())
     }
 
-    /// The next frame of the sequence.
+    /// Renders the next frame of the sequence.
     fn step(
         &self,
         py: Python<'_>,
         name: &str,
         object: &Bound<'_, PyAny>,
-        pose: Option<Place>,
-        texture: Option<Cut>,
+        pose: Option<ObjectPlace>,
+        texture: Option<TextureArgument>,
     ) -> PyResult<Pressing> {
         if !self.plan.simulator.models().gelpad.knows_tractions() {
             let message = format!("fidelity `{}` knows no friction, and so no sequence", self.plan.fidelity().name());
-            return Err(mistake(message, "take a finer level, such as gelsim.Simulator(sensor, \"draft\")"));
+            return Err(mistake_error(message, "take a finer level, such as gelsim.Simulator(sensor, \"draft\")"));
         }
         if pose.is_none() {
             let help =
                 "gelsim.Placement says where the object is of which heights are given; a mesh takes gelsim.Pose, too";
-            return Err(mistake("a frame of a sequence needs a pose: friction follows the object", help));
+            return Err(mistake_error("a frame of a sequence needs a pose: friction follows the object", help));
         }
-        let object = self.object(py, name, object, pose.as_ref())?;
-        let texture = texture.map(|cut| self.texture(py, &cut)).transpose()?;
+        let object = self.read_object(py, name, object, pose.as_ref())?;
+        let texture = texture.map(|cut| self.make_texture(py, &cut)).transpose()?;
         let taken = {
             let mut sequence = self.sequence.lock().unwrap_or_else(PoisonError::into_inner);
-            // Nothing of what cannot be right changes it.
-            if let Sequence::Moving(moving) = &*sequence {
-                moving.check(&self.plan, &object)?;
+            // Checked while the sequence still has its state: a step that is refused changes nothing.
+            if let SequenceState::Moving(moving) = &*sequence {
+                moving.check_step(&self.plan, &object)?;
             }
-            std::mem::replace(&mut *sequence, Sequence::Busy)
+            std::mem::replace(&mut *sequence, SequenceState::Busy)
         };
         let (begun, moving) = match taken {
-            Sequence::Begun(begun) => (begun, None),
-            Sequence::Moving(moving) => (moving.begun, Some(moving)),
-            Sequence::Busy => {
+            SequenceState::Begun(begun) => (begun, None),
+            SequenceState::Moving(moving) => (moving.begun, Some(moving)),
+            SequenceState::Busy => {
                 let help = "simulator.copy() has a sequence of its own, and simulator.reset() begins another one";
-                return Err(running(format!("another thread is at a frame of this simulator's sequence: {help}")));
+                return Err(runtime_error(format!(
+                    "another thread is at a frame of this simulator's sequence: {help}"
+                )));
             }
         };
-        let put_back = |state: Sequence| *self.sequence.lock().unwrap_or_else(PoisonError::into_inner) = state;
+        // The lock is free while a frame is rendered; `Busy` holds the place.
+        let put_back = |state: SequenceState| *self.sequence.lock().unwrap_or_else(PoisonError::into_inner) = state;
         let rendered = catch_unwind(AssertUnwindSafe(|| {
             py.detach(|| {
-                let plan = self.seeded(begun.seed)?;
-                Ok(next(&plan, begun, moving, object, texture))
+                let plan = self.plan_with_seed(begun.seed)?;
+                Ok(render_next_frame(&plan, begun, moving, object, texture))
             })
         }));
         match rendered {
             Ok(Ok((moving, pressing))) => {
-                put_back(Sequence::Moving(moving));
+                put_back(SequenceState::Moving(moving));
                 Ok(pressing)
             }
             Ok(Err(error)) => {
-                put_back(Sequence::Begun(begun));
+                put_back(SequenceState::Begun(begun));
                 Err(error)
             }
             Err(panic) => {
-                put_back(Sequence::Begun(begun));
-                Err(self.bug("this frame", &*panic))
+                put_back(SequenceState::Begun(begun));
+                Err(self.panic_error("this frame", &*panic))
             }
         }
     }
 }
 
 impl Engine {
-    /// The plan with this seed.
-    fn seeded(&self, seed: u64) -> PyResult<Plan> {
+    /// Returns the plan with this seed.
+    fn plan_with_seed(&self, seed: u64) -> PyResult<Plan> {
         let layers = self.plan.layers();
-        self.plan.with_samples(seed, &layers).map_err(|report| usage(&report))
+        self.plan.with_samples(seed, &layers).map_err(|report| usage_error(&report))
     }
 }
 
-/// Renders the frame after `moving`, or the first one.
-fn next(
+/// Renders the frame after `moving`, or the first one of a sequence. Returns the new state, and the frame.
+fn render_next_frame(
     plan: &Plan,
-    begun: Begun,
-    moving: Option<Box<Moving>>,
-    object: Object,
+    begun: SequenceStart,
+    moving: Option<Box<MovingSequence>>,
+    object: PlacedObject,
     texture: Option<DrawnTexture>,
-) -> (Box<Moving>, Pressing) {
+) -> (Box<MovingSequence>, Pressing) {
     let (pose, depth_mm, shape) = (object.pose, object.depth_mm, object.shape.clone());
-    let drawn = scene(plan, begun.index, object, texture);
+    let drawn = build_scene(plan, begun.index, object, texture);
     let mut moving = moving.unwrap_or_else(|| {
         let simulator = drawn.simulator(plan);
         let sliding = simulator.sliding(begun.friction).expect("the model knows tractions");
-        let laid = TexturePlacement::with(&pose);
-        // It comes down to where it is.
+        let placement = TexturePlacement::at_pose(&pose);
+        // In the first frame the object comes straight down to its pose.
         let last = shape.clusters().map_or(pose, |mesh| pose.lowered(0.0, mesh));
-        Box::new(Moving { begun, first: drawn.clone(), simulator, sliding, last, last_depth_mm: 0.0, laid, frames: 0 })
+        Box::new(MovingSequence {
+            begun,
+            first_scene: drawn.clone(),
+            simulator,
+            sliding,
+            last_pose: last,
+            last_depth_mm: 0.0,
+            texture_placement: placement,
+            frame_count: 0,
+        })
     });
-    let noise_key = moving.first.camera.noise_key;
-    // The first frame's noise is a press's.
-    let noise_key = match moving.frames {
+    let noise_key = moving.first_scene.camera.noise_key;
+    // The first frame has the noise of a press; each further one its own.
+    let noise_key = match moving.frame_count {
         0 => noise_key,
-        frame => rng::stream(noise_key, "sequence frame noise", frame).bits(),
+        frame => rng::random_stream(noise_key, "sequence frame noise", frame).next_bits(),
     };
     let Scene { pressed, pose, indentation_depth_mm, motion, texture, .. } = drawn;
     let mut scene =
-        Scene { pressed, pose, over_plane: pose, indentation_depth_mm, motion, texture, ..moving.first.clone() };
+        Scene { pressed, pose, over_plane: pose, indentation_depth_mm, motion, texture, ..moving.first_scene.clone() };
     scene.camera.noise_key = noise_key;
-    let mut press = scene.press(plan);
-    press.texture = press.texture.map(|texture| texture.laid_out(moving.laid));
+    let mut press = scene.to_press(plan);
+    press.texture = press.texture.map(|texture| texture.with_placement(moving.texture_placement));
     press.shear = None;
-    let steps = moving.steps(plan, &scene, depth_mm);
+    let steps = moving.plan_steps(plan, &scene, depth_mm);
     let impression = moving.simulator.press_next(&press, &steps, &mut moving.sliding);
-    let sample = described(plan, &scene, Arc::clone(&moving.simulator), impression);
-    let slid = sample.impression.sliding.as_ref();
-    let frame = FrameLabel::new(moving.frames as u32, 0.0, "", sample.label.clone(), slid);
-    let number = moving.frames;
-    (moving.last, moving.last_depth_mm, moving.frames) = (pose, depth_mm, number + 1);
+    let sample = label_sample(plan, &scene, Arc::clone(&moving.simulator), impression);
+    let sliding = sample.impression.sliding.as_ref();
+    let frame = FrameLabel::new(moving.frame_count as u32, 0.0, "", sample.label.clone(), sliding);
+    let number = moving.frame_count;
+    (moving.last_pose, moving.last_depth_mm, moving.frame_count) = (pose, depth_mm, number + 1);
     (moving, Pressing { sample, frame: Some(frame), number: Some(number) })
 }
 
-impl Moving {
-    /// Refuses an object that has gone too far since the frame before.
-    fn check(&self, plan: &Plan, object: &Object) -> PyResult<()> {
-        // Nobody knows what heights were on the way.
-        let most = if matches!(object.shape, Shape::Mesh(_)) { MOST_STEPS } else { 2.0 };
-        if self.way(plan, &object.shape, &object.pose) <= most + 1e-9 {
+impl MovingSequence {
+    /// Fails if the object has turned too far since the previous frame.
+    fn check_step(&self, plan: &Plan, object: &PlacedObject) -> PyResult<()> {
+        // Heights cannot be turned on the way, so a height map gets a single step.
+        let most = if matches!(object.shape, Shape::Mesh(_)) { MAX_STEPS } else { 2.0 };
+        if self.count_longest_steps(plan, &object.shape, &object.pose) <= most + 1e-9 {
             return Ok(());
         }
-        let turn_deg = turn_rad(self.last, object.pose, DVec3::Z).to_degrees();
+        let turn_deg = turn_rad(self.last_pose, object.pose, DVec3::Z).to_degrees();
         let message = format!("the object has turned too far since the frame before ({turn_deg:.1} degrees about z)");
-        Err(mistake(
+        Err(mistake_error(
             message,
             "give frames between, in which it turns by 10 degrees at most; reset() begins another sequence",
         ))
     }
 
-    /// How many of the longest steps lead from the last frame to a pose.
-    fn way(&self, plan: &Plan, shape: &Shape, to: &Pose) -> f64 {
-        let tilt_deg = (to.rotation * self.last.rotation.transpose()).z_axis.z.clamp(-1.0, 1.0).acos().to_degrees();
+    /// Returns how many of the longest allowed steps lead from the last pose to another; a fraction of one for less.
+    fn count_longest_steps(&self, plan: &Plan, shape: &Shape, to: &Pose) -> f64 {
+        let tilt_deg =
+            (to.rotation * self.last_pose.rotation.transpose()).z_axis.z.clamp(-1.0, 1.0).acos().to_degrees();
         let view = plan.simulator.view();
         let longest_mm =
             [0, 1].map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).into_iter().fold(0.0, f64::max);
@@ -555,26 +592,26 @@ impl Moving {
             }
             None => longest_mm,
         };
-        let most_tilt_deg = (longest_mm / ROLLING_PX / radius_mm).to_degrees().clamp(0.05, MOST_TURN_DEG);
-        let turn_deg = turn_rad(self.last, *to, DVec3::Z).to_degrees().abs();
-        (turn_deg / MOST_TURN_DEG).max(tilt_deg / most_tilt_deg)
+        let most_tilt_deg = (longest_mm / ROLLING_PX / radius_mm).to_degrees().clamp(0.05, MAX_TURN_DEG);
+        let turn_deg = turn_rad(self.last_pose, *to, DVec3::Z).to_degrees().abs();
+        (turn_deg / MAX_TURN_DEG).max(tilt_deg / most_tilt_deg)
     }
 
-    /// The way from the last frame to where a scene has the object, as a job's sequences go it.
-    fn steps(&self, plan: &Plan, scene: &Scene, depth_mm: f64) -> Vec<ObjectStep> {
-        let Pressed::Frame(Frame { shape, .. }) = &scene.pressed else { return Vec::new() };
-        let (from, from_mm, to) = (self.last, self.last_depth_mm, scene.pose);
+    /// Plans the steps from the last frame to the pose of a scene, as a job's sequences do.
+    fn plan_steps(&self, plan: &Plan, scene: &Scene, depth_mm: f64) -> Vec<ObjectStep> {
+        let PressSource::Frame(DepthFrame { shape, .. }) = &scene.pressed else { return Vec::new() };
+        let (from, from_mm, to) = (self.last_pose, self.last_depth_mm, scene.pose);
         let plane = PadPlane::default();
         let Some(mesh) = shape.clusters() else {
             let lowest = match shape {
-                Shape::HeightMap(map) => lowest_mm(map, plan.simulator.view()),
+                Shape::HeightMap(map) => find_lowest_point(map, plan.simulator.view()),
                 _ => None,
             };
-            let motion = lowest.map_or_else(PlanarMotion::default, |now| motion(from, to, now, &plane));
+            let motion = lowest.map_or_else(PlanarMotion::default, |now| motion_between(from, to, now, &plane));
             return vec![ObjectStep { pose: to, depth_mm, motion }];
         };
-        let way = self.way(plan, shape, &to);
-        // What touches first does so at the end of a step: early in the frame.
+        let way = self.count_longest_steps(plan, shape, &to);
+        // A step ends just after the first touch, so that friction begins near its true place.
         let touches =
             (from_mm <= 0.0 && depth_mm > 0.0).then(|| (FIRST_TOUCH * depth_mm - from_mm) / (depth_mm - from_mm));
         let [from_turn, to_turn] = [from, to].map(|pose| DQuat::from_mat3(&pose.rotation));
@@ -582,7 +619,7 @@ impl Moving {
         let mut steps = Vec::new();
         let mut start = 0.0;
         for end in touches.into_iter().chain([1.0]) {
-            let count = (way * (end - start) - 1e-9).ceil().clamp(1.0, MOST_STEPS) as u32;
+            let count = (way * (end - start) - 1e-9).ceil().clamp(1.0, MAX_STEPS) as u32;
             for step in 1..=count {
                 let share = start + (end - start) * f64::from(step) / f64::from(count);
                 let (pose, depth_mm) = if end == 1.0 && step == count {
@@ -593,7 +630,7 @@ impl Moving {
                     let translation_mm = from.translation_mm.lerp(to.translation_mm, share);
                     (Pose { rotation, translation_mm, ..to }.lowered(0.0 - depth_mm, mesh), depth_mm)
                 };
-                let motion = motion(before, pose, lowest_of(mesh, &pose), &plane);
+                let motion = motion_between(before, pose, lowest_point(mesh, &pose), &plane);
                 steps.push(ObjectStep { pose, depth_mm, motion });
                 before = pose;
             }
@@ -603,10 +640,10 @@ impl Moving {
     }
 }
 
-/// The lowest point of a placed mesh, mm.
-fn lowest_of(mesh: &Clusters, pose: &Pose) -> DVec3 {
+/// Returns the lowest point of a placed mesh, mm.
+fn lowest_point(mesh: &Clusters, pose: &Pose) -> DVec3 {
     let down = (pose.rotation.transpose() * DVec3::NEG_Z).to_array();
-    // Within a micrometre: a flat face counts with its middle.
+    // Points within 1 um of the lowest count, and their middle is taken: the middle of a flat face.
     let lowest = mesh.extreme_point(down, mesh.extreme(down), 1e-3);
     let centre = DVec3::from_array(mesh.centre_mm());
     pose.rotation * (centre + DVec3::from_array(lowest)) + pose.translation_mm
@@ -614,14 +651,14 @@ fn lowest_of(mesh: &Clusters, pose: &Pose) -> DVec3 {
 
 #[pymethods]
 impl Pressing {
-    /// The tactile image.
+    /// Returns the tactile image.
     fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        image(py, &self.sample)
+        image_array(py, &self.sample)
     }
 
-    /// A layer by its name; None where the sensor or the level has none.
+    /// Returns a layer by its name; None if the sensor or the fidelity level does not have it.
     fn layer<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let wanted = named("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)))?;
+        let wanted = find_by_name("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)))?;
         let (impression, simulator) = (&self.sample.impression, &self.sample.simulator);
         let is_there = match wanted {
             OutputLayer::Pressure => simulator.models().gelpad.knows_pressure(),
@@ -638,14 +675,14 @@ impl Pressing {
             }
             _ => true,
         };
-        if is_there { layer(py, &self.sample, wanted).map(Some) } else { Ok(None) }
+        if is_there { layer_array(py, &self.sample, wanted).map(Some) } else { Ok(None) }
     }
 
-    /// The label, in a sequence with what the frame's has besides.
+    /// Returns the label. In a sequence it also has what only a frame's label has.
     fn label<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let label = parsed(py, &json(&self.sample.label))?;
+        let label = parse_json(py, &to_json_line(&self.sample.label))?;
         if let Some(frame) = &self.frame {
-            let frame = parsed(py, &json(frame))?.cast_into::<PyDict>()?;
+            let frame = parse_json(py, &to_json_line(frame))?.cast_into::<PyDict>()?;
             for key in ["wrench", "slip", "numerics", "health"] {
                 label.set_item(key, frame.get_item(key)?)?;
             }
@@ -653,7 +690,7 @@ impl Pressing {
         Ok(label)
     }
 
-    /// Its number in the sequence, from 0; None of a press.
+    /// Number in the sequence, from 0; None for a press.
     #[getter]
     fn frame(&self) -> Option<u64> {
         self.number

@@ -1,20 +1,21 @@
 //! The threads that read meshes and render.
 //!
-//! A process that was forked from another has its memory, but not its threads: who waits for those waits for ever. So a pool
-//! belongs to a process, and nothing here uses rayon's global one. Whoever takes the lock holds the GIL, as does whoever
-//! forks: no child finds it taken.
+//! A forked process has the memory of its parent, but not its threads: whoever waits for those waits forever. So each
+//! process makes its own pool, and nothing here uses rayon's global one. The locks are taken only while the GIL is
+//! held, and a process that forks holds it, too: no child finds a lock taken.
 
 use std::mem::forget;
 use std::process;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use gelsim_cli::MOST_THREADS;
+use gelsim_cli::MAX_THREADS;
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::arguments::{Given, whole};
-use crate::errors::{mistake, running};
+use crate::arguments::{OptionalArgument, extract_whole_number};
+use crate::errors::{mistake_error, runtime_error};
 
+/// A pool, with the process that made it.
 struct Pool {
     process: u32,
     threads: usize,
@@ -24,19 +25,20 @@ struct Pool {
 /// The pool that was used last.
 static LAST: Mutex<Option<Pool>> = Mutex::new(None);
 
-/// A number of threads that a user gave.
-pub fn checked(threads: Given<'_, '_>) -> PyResult<Option<usize>> {
-    let allowed = format!("give 1 to {MOST_THREADS}, or leave it out for all cores");
-    match whole("threads", threads, &allowed)? {
-        Some(0) => Err(mistake("threads=0 cannot work", allowed)),
-        Some(count) if count > MOST_THREADS as u64 => {
-            Err(mistake(format!("threads={count} are more than any machine has cores"), allowed))
+/// Reads a number of threads; `None` for all cores.
+pub fn extract_thread_count(threads: OptionalArgument<'_, '_>) -> PyResult<Option<usize>> {
+    let allowed = format!("give 1 to {MAX_THREADS}, or leave it out for all cores");
+    match extract_whole_number("threads", threads, &allowed)? {
+        Some(0) => Err(mistake_error("threads=0 cannot work", allowed)),
+        Some(count) if count > MAX_THREADS as u64 => {
+            Err(mistake_error(format!("threads={count} are more than any machine has cores"), allowed))
         }
         threads => Ok(threads.map(|count| count as usize)),
     }
 }
 
-/// Python is asked once in each process: what it answers with is Python's code, which `arrays::scanner` avoids, too.
+/// Returns true if multiprocessing started this process. Asks Python once per process: the question runs Python code,
+/// which [`crate::arrays`] avoids, too.
 fn started_by_multiprocessing(py: Python<'_>) -> PyResult<bool> {
     static KNOWN: Mutex<Option<(u32, bool)>> = Mutex::new(None);
     let known = *KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
@@ -48,14 +50,15 @@ fn started_by_multiprocessing(py: Python<'_>) -> PyResult<bool> {
     Ok(started)
 }
 
-/// How many threads a run of its own takes: all cores if none, and one in a process that multiprocessing started.
+/// Returns the number of threads for a run: as given, else one in a process that multiprocessing started, else `None`
+/// for all cores.
 pub fn threads_or_default(py: Python<'_>, threads: Option<usize>) -> PyResult<Option<usize>> {
     Ok(if threads.is_none() && started_by_multiprocessing(py)? { Some(1) } else { threads })
 }
 
-/// A pool of so many threads. If nobody says how many: all cores, and one in a process that multiprocessing started, as a
-/// worker of a loader is.
-pub fn pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>> {
+/// Returns a pool of so many threads, by default as many as [`threads_or_default`] says: a worker of a data loader has
+/// one.
+pub fn shared_pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>> {
     let threads = threads_or_default(py, threads)?.unwrap_or(0);
     let process = process::id();
     let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
@@ -64,10 +67,10 @@ pub fn pool(py: Python<'_>, threads: Option<usize>) -> PyResult<Arc<ThreadPool>>
         _ => {}
     }
     let built = ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = Arc::new(built.map_err(|error| running(format!("cannot start threads: {error}")))?);
+    let pool = Arc::new(built.map_err(|error| runtime_error(format!("cannot start threads: {error}")))?);
     let before = last.replace(Pool { process, threads, pool: Arc::clone(&pool) });
     if let Some(before) = before.filter(|before| before.process != process) {
-        // Its threads are not there, so they cannot be told to end.
+        // After a fork the old pool's threads do not exist here. Dropping it would wait for them forever.
         forget(before);
     }
     Ok(pool)

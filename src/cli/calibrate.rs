@@ -1,4 +1,5 @@
-//! `gelsim calibrate`
+//! `gelsim calibrate`: fits a sensor file to presses of a real sensor, takes over published calibrations, and simulates
+//! presses with a fitted sensor.
 
 mod summary;
 
@@ -10,31 +11,37 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use image::RgbImage;
 
-use self::summary::{HEAD, camera_summary, dots_summary, leds_summary, lines, row, summary, verdict_summary};
-use super::guesses::whole;
+use self::summary::{
+    SCORE_HEADER, format_lines, format_scores, summarise_calibration, summarise_camera, summarise_dots, summarise_leds,
+    summarise_verdict,
+};
+use super::guesses::parse_whole_number;
 use super::log::Log;
 use super::progress::bar::Bar;
-use super::store::local_output;
-use super::{Failure, checked_threads, no_threads, print, say};
+use super::store::local_path_parser;
+use super::{Failure, check_thread_count, print_result, print_to_stderr, threads_failure};
 use gelsim_core::fidelity::Fidelity;
-use gelsim_core::optics::calibrated::{Colors, Table};
-use gelsim_dataset::encode::json;
+use gelsim_core::optics::calibrated::{CalibrationColors, CalibrationTable};
+use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::hash::sha256;
 use gelsim_files::png::encode_rgb;
 use gelsim_files::sensor::Sensor;
 use gelsim_files::write::write_output;
 use gelsim_job::plan::standalone;
-use gelsim_lab::calibrate::camera::{MeasuredCamera, measure};
-use gelsim_lab::calibrate::evaluate::{EvaluatedPress, Evaluation, Options, evaluate, picture_name};
-use gelsim_lab::calibrate::gelsight::{self, Left};
+use gelsim_lab::calibrate::camera::{MeasuredCamera, measure_camera};
+use gelsim_lab::calibrate::evaluate::{EvaluatedPress, Evaluation, EvaluationOptions, evaluate_presses, picture_name};
+use gelsim_lab::calibrate::gelsight::{self, FitResidual};
 use gelsim_lab::calibrate::judge::{self, Findings, background, fit, scale};
 use gelsim_lab::calibrate::leds::FittedLeds;
 use gelsim_lab::calibrate::outliers::OutlierReason;
-use gelsim_lab::calibrate::page::{Page, PressPanel};
-use gelsim_lab::calibrate::run::{Calibration, LedsAlone, Request, Unfit, doubts, run_heard, run_leds};
-use gelsim_lab::calibrate::taxim::{ImportedSensor, import};
-use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::page::{CalibrationPage, PressPanel};
+use gelsim_lab::calibrate::run::{
+    Calibration, CalibrationError, CalibrationRequest, LedCalibration, calibrate_leds, calibrate_with_progress,
+    find_outliers,
+};
+use gelsim_lab::calibrate::taxim::{TaximImport, import_taxim_folder};
+use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
 use gelsim_lab::compare::score::{Score, Scores};
 
@@ -72,7 +79,7 @@ pub struct Calibrate {
     #[arg(long, value_name = "PRESET|SENSOR.toml")]
     sensor: Option<String>,
     /// The sensor file to write; with --evaluate the folder for the pictures
-    #[arg(short, long, value_name = "SENSOR.toml|DIR", value_parser = local_output())]
+    #[arg(short, long, value_name = "SENSOR.toml|DIR", value_parser = local_path_parser())]
     out: PathBuf,
     /// Fit the LEDs alone, for the optics models phong and led: three presses are enough
     #[arg(long, conflicts_with_all = ["evaluate", "taxim", "gelsight", "drop_bad", "steps"])]
@@ -86,52 +93,52 @@ pub struct Calibrate {
     /// Leave out presses that may be unusable
     #[arg(long, conflicts_with = "evaluate")]
     drop_bad: bool,
-    /// Turn the background image, take its channels in another order and make it brighter or darker, as the presses have it
-    /// away from their discs
+    /// Rotate the background image, reorder its channels and scale its brightness to match the presses outside their
+    /// discs
     #[arg(long, conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     match_background: bool,
-    /// Go on where the result will be none: what speaks against it becomes a warning
+    /// Continue where the result is unlikely to be usable: the reasons become warnings
     #[arg(long)]
     keep_anyway: bool,
     /// Thickness of the pad, mm [default: chosen]
-    #[arg(long, value_name = "MM", value_parser = above_zero, conflicts_with = "evaluate")]
+    #[arg(long, value_name = "MM", value_parser = parse_positive, conflicts_with = "evaluate")]
     thickness_mm: Option<f64>,
-    /// Radius of the contact over that of the visible disc [default: chosen; with --leds 0.95; with --evaluate the sensor's,
-    /// or 0.95]
-    #[arg(long, value_name = "FRACTION", value_parser = fraction)]
+    /// Radius of the contact over that of the visible disc [default: chosen; with --leds 0.95; with --evaluate the
+    /// sensor's, or 0.95]
+    #[arg(long, value_name = "FRACTION", value_parser = parse_contact_over_disc)]
     contact_over_disc: Option<f64>,
     /// Steps of training; fewer are quicker and less exact [default: 1500]
-    #[arg(long, value_name = "N", value_parser = steps)]
+    #[arg(long, value_name = "N", value_parser = parse_steps)]
     #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     steps: Option<u32>,
     /// Threads [default: all cores]
-    #[arg(short = 'j', long, value_name = "T", value_parser = whole::<usize>)]
+    #[arg(short = 'j', long, value_name = "T", value_parser = parse_whole_number::<usize>)]
     threads: Option<usize>,
     /// Fidelity level for --evaluate
-    #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level(), default_value = "standard", requires = "evaluate")]
+    #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level_parser(), default_value = "standard", requires = "evaluate")]
     fidelity: Fidelity,
-    /// Print nothing but what was found and errors
+    /// Print only the results and errors
     #[arg(short, long)]
     quiet: bool,
 }
 
-/// What of a gel that has a shape cannot be calibrated, and what to do instead.
+/// Why a gel that has a shape cannot be calibrated, and what to do instead.
 const FLAT_ONLY: [&str; 2] = [
-    "balls are calibrated on flat pads, and the sensor's gel has a shape: a circle gives the depth of a ball from the size of a pixel on \
-     the pad, which differs from place to place there, and light that is learnt by normals alone holds in one place only",
-    "write the sensor file by hand: `background` (a photograph of the untouched gel) and an [[led]] table for each LED; then press the \
-     balls by a job and hold the images against the real ones with gelsim compare",
+    "balls are calibrated on flat pads, and the sensor's gel has a shape: there the pixel size, which turns a circle into the depth of a ball, \
+     differs from place to place, and light that is learnt by normals alone holds in one place only",
+    "write the sensor file by hand: `background` (a photograph of the untouched gel) and an [[led]] table for each LED; then simulate \
+     the presses with a job and compare its images with the real ones: gelsim compare",
 ];
 
-fn above_zero(text: &str) -> Result<f64, String> {
+fn parse_positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1e-2..=1e3).contains(&value) => Ok(value),
         _ => Err(String::from("write a number from 0.01 to 1000")),
     }
 }
 
-fn steps(text: &str) -> Result<u32, String> {
-    whole(text).and_then(|steps| {
+fn parse_steps(text: &str) -> Result<u32, String> {
+    parse_whole_number(text).and_then(|steps| {
         if (1..=1_000_000).contains(&steps) {
             Ok(steps)
         } else {
@@ -140,8 +147,9 @@ fn steps(text: &str) -> Result<u32, String> {
     })
 }
 
-/// Beyond this no contact has the visible disc: people see it, and a little more.
-fn fraction(text: &str) -> Result<f64, String> {
+/// Parses the radius of the contact over that of the visible disc. What people see as the disc is the contact and a
+/// little more, so no contact lies outside these bounds.
+fn parse_contact_over_disc(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (0.5..=1.5).contains(&value) => Ok(value),
         _ => Err(String::from("write a number from 0.5 to 1.5; where it was fitted it is 0.88 to 1")),
@@ -150,19 +158,19 @@ fn fraction(text: &str) -> Result<f64, String> {
 
 impl Calibrate {
     pub(super) fn run(self) -> Result<(), Failure> {
-        match checked_threads(self.threads)? {
-            None => self.run_here(),
+        match check_thread_count(self.threads)? {
+            None => self.run_in_pool(),
             Some(threads) => {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-                pool.map_err(|error| no_threads(&error))?.install(|| self.run_here())
+                pool.map_err(|error| threads_failure(&error))?.install(|| self.run_in_pool())
             }
         }
     }
 
-    /// Runs on the threads of the pool that this is called in.
-    fn run_here(&self) -> Result<(), Failure> {
+    /// Runs the command on the current thread pool.
+    fn run_in_pool(&self) -> Result<(), Failure> {
         if let (Some(table), Some(sensor)) = (&self.evaluate, &self.sensor) {
-            return self.evaluate(table, sensor);
+            return self.evaluate_table(table, sensor);
         }
         if self.out.extension().is_none_or(|end| end != "toml") {
             let message = format!("{} is no name for a sensor file", self.out.display());
@@ -176,62 +184,65 @@ impl Calibrate {
             return Err(user_error(message, "choose another place with --out").into());
         }
         if let Some(folder) = &self.surfaces {
-            surfaces::check(folder)?;
-            let within = |path: &Path| std::path::absolute(path).map_err(|error| failed(path, &error));
+            surfaces::check_folder(folder)?;
+            let within = |path: &Path| std::path::absolute(path).map_err(|error| path_failure(path, &error));
             if within(&self.out)?.starts_with(within(folder)?) {
                 let message = format!("{} would be among the surfaces", self.out.display());
                 return Err(user_error(message, "choose another folder with --surfaces").into());
             }
         }
         let start = match &self.sensor {
-            Some(name) => standalone::flat_sensor(name, FLAT_ONLY)?.written,
+            Some(name) => standalone::load_flat_sensor(name, FLAT_ONLY)?.written,
             None => Sensor::default(),
         };
         match (&self.presses, &self.background, &self.taxim, &self.gelsight) {
-            (Some(presses), Some(background), ..) => self.calibrate(presses, background, start),
-            (_, _, Some(folder), _) => self.import(folder, start),
+            (Some(presses), Some(background), ..) => self.fit_presses(presses, background, start),
+            (_, _, Some(folder), _) => self.import_taxim(folder, start),
             (.., Some(device)) => self.import_lamps(device, start),
             _ => Err(user_error("nothing to calibrate", "see gelsim calibrate --help").into()),
         }
     }
 
     fn log(&self) -> Log {
-        Log::text(self.quiet)
+        Log::plain_text(self.quiet)
     }
 
-    /// Says what was found. Where it makes a result none, nothing is done, unless that is wished all the same. What is said as
-    /// warnings.
-    fn judged(&self, findings: Findings) -> Result<Vec<Diagnostic>, Failure> {
+    /// Reports what was found. Fails if it makes the result unusable, unless `--keep-anyway` is there. Returns the
+    /// findings as warnings.
+    fn report_findings(&self, findings: Findings) -> Result<Vec<Diagnostic>, Failure> {
         if findings.are_hopeless() && !self.keep_anyway {
-            Log::text(false).notes(&report(findings.0));
-            let last = Diagnostic::note("nothing is written")
-                .help("--keep-anyway goes on all the same, with these as warnings");
-            Log::text(false).notes(&last.into());
-            return Err(Failure::reported(1));
+            Log::plain_text(false).print_notes(&build_report(findings.0));
+            let last = Diagnostic::note("nothing is written").help("--keep-anyway continues, with these as warnings");
+            Log::plain_text(false).print_notes(&last.into());
+            return Err(Failure::already_reported(1));
         }
-        let findings = findings.forgiven();
-        self.log().notes(&report(findings.0.clone()));
+        let findings = findings.into_warnings();
+        self.log().print_notes(&build_report(findings.0.clone()));
         Ok(findings.0)
     }
 
-    fn evaluate(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
-        let sensor = standalone::flat_sensor(sensor, FLAT_ONLY)?.sensor;
+    fn evaluate_table(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
+        let sensor = standalone::load_flat_sensor(sensor, FLAT_ONLY)?.sensor;
         if self.out.exists() && !self.out.is_dir() {
             return Err(
                 user_error(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into()
             );
         }
-        let options =
-            Options { contact_over_disc: self.contact_over_disc, fidelity: self.fidelity, detects: self.detect };
-        let Evaluation { presses, findings } = evaluate(table, &sensor, options)?;
-        self.judged(findings)?;
-        fs::create_dir_all(&self.out).map_err(|error| denied(&self.out, &error))?;
+        let options = EvaluationOptions {
+            contact_over_disc: self.contact_over_disc,
+            fidelity: self.fidelity,
+            finds_circles: self.detect,
+        };
+        let Evaluation { presses, findings } = evaluate_presses(table, &sensor, options)?;
+        self.report_findings(findings)?;
+        fs::create_dir_all(&self.out).map_err(|error| denied_failure(&self.out, &error))?;
         let mut lines = Vec::new();
         for EvaluatedPress { file, simulated, scores, .. } in &presses {
             let path = self.out.join(picture_name(file));
             let [width, height] = sensor.resolution_px;
-            write(&path, &encode_rgb(width, height, simulated))?;
-            let figures = scores.as_ref().map(|scores| row(scores.contact.as_ref(), Some(&scores.full_image)));
+            write_file(&path, &encode_rgb(width, height, simulated))?;
+            let figures =
+                scores.as_ref().map(|scores| format_scores(scores.contact.as_ref(), Some(&scores.full_image)));
             lines.push(format!("{file:<28} {}", figures.unwrap_or_default()));
         }
         let compared = presses.iter().filter(|press| press.scores.is_some()).count();
@@ -240,12 +251,17 @@ impl Calibrate {
             let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
             (contact, Score::mean(scores.iter().map(|scores| &scores.full_image)))
         };
-        let ((contact, full_image), (bare, bare_image)) = (means(&|press| press.scores), means(&|press| press.bare));
-        lines.push(format!("{:<28} {}", format!("mean of {compared}"), row(contact.as_ref(), full_image.as_ref())));
-        lines.push(format!("{:<28} {}", "background alone", row(bare.as_ref(), bare_image.as_ref())));
-        print(&format!("{:<28} {}\n{}\n", "", HEAD, lines.join("\n")))?;
+        let ((contact, full_image), (bare, bare_image)) =
+            (means(&|press| press.scores), means(&|press| press.background_scores));
+        lines.push(format!(
+            "{:<28} {}",
+            format!("mean of {compared}"),
+            format_scores(contact.as_ref(), full_image.as_ref())
+        ));
+        lines.push(format!("{:<28} {}", "background alone", format_scores(bare.as_ref(), bare_image.as_ref())));
+        print_result(&format!("{:<28} {}\n{}\n", "", SCORE_HEADER, lines.join("\n")))?;
         if let (Some(contact), Some(bare)) = (contact, bare)
-            && contact.mae >= fit::MOST_LEFT * bare.mae
+            && contact.mae >= fit::MAX_REMAINING_SHARE * bare.mae
         {
             let left = 100.0 * contact.mae / bare.mae;
             let message = if left < 100.0 {
@@ -254,132 +270,141 @@ impl Calibrate {
                 String::from("the sensor is further from the presses around the contact than the background alone")
             };
             let help = "fit a sensor file to presses of this very sensor; check circles and balls in the table";
-            self.log().notes(&Diagnostic::warning(message).help(help).into());
+            self.log().print_notes(&Diagnostic::warning(message).help(help).into());
         }
-        self.say_written(&self.out.display().to_string());
+        self.report_written(&self.out.display().to_string());
         Ok(())
     }
 
-    fn calibrate(&self, presses: &Path, background_image: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let fewest = if self.leds { session::FEWEST_FOR_LEDS } else { session::FEWEST };
+    fn fit_presses(&self, presses: &Path, background_image: &Path, sensor: Sensor) -> Result<(), Failure> {
+        let fewest = if self.leds { session::MIN_PRESSES_FOR_LEDS } else { session::MIN_PRESSES };
         let named = self.sensor.as_deref().map(|name| (name, sensor.field_of_view_mm));
-        let (mut session, notes) = session::read(presses, background_image, sensor, self.detect, fewest)?;
-        self.log().notes(&Report::new(&notes, &[]));
+        let (mut session, notes) = session::read_session(presses, background_image, sensor, self.detect, fewest)?;
+        self.log().print_notes(&Report::new(&notes, &[]));
         let mut said: Vec<Diagnostic> = notes.into_iter().collect();
         if self.match_background {
-            let (matched, what) = background::matched(session);
+            let (matched, what) = background::match_background(session);
             session = matched;
-            self.log().note(&what);
+            self.log().print_note(&what);
             said.push(Diagnostic::note(what));
         }
-        if let Some(found) = dots_note(&session) {
-            self.log().notes(&found.clone().into());
+        if let Some(found) = note_printed_dots(&session) {
+            self.log().print_notes(&found.clone().into());
             said.push(found);
         }
-        let defaults = Settings::default();
-        let request = Request {
-            settings: Settings { steps: self.steps.map_or(defaults.steps, |steps| steps as usize), ..defaults },
+        let defaults = TrainingSettings::default();
+        let request = CalibrationRequest {
+            settings: TrainingSettings { steps: self.steps.map_or(defaults.steps, |steps| steps as usize), ..defaults },
             thickness_mm: self.thickness_mm,
             contact_over_disc: self.contact_over_disc,
-            drops_bad: self.drop_bad,
+            drops_outliers: self.drop_bad,
         };
-        let doubts = doubts(&session);
-        said.extend(self.judged(find_doubts_before_fit(&session, &request, named, &doubts))?);
+        let doubts = find_outliers(&session);
+        said.extend(self.report_findings(find_doubts_before_fit(&session, &request, named, &doubts))?);
         if self.leds {
             return self.fit_leds(&session, &request);
         }
         let files: Vec<String> = session.observations.iter().map(|press| press.file.clone()).collect();
-        let bar = Bar::thousandths(!self.quiet);
-        let found = run_heard(session, doubts, &request, &|done, what| bar.show((1000.0 * done) as u64, what));
+        let bar = Bar::in_thousandths(!self.quiet);
+        let found =
+            calibrate_with_progress(session, doubts, &request, &|done, what| bar.show((1000.0 * done) as u64, what));
         bar.end();
-        let found = found.map_err(|unfit| unfit_failure(&unfit, files.len()))?;
-        said.extend(self.judged(find_doubts_after_fit(&found))?);
+        let found = found.map_err(|unfit| explain_unfit(&unfit, files.len()))?;
+        said.extend(self.report_findings(find_doubts_after_fit(&found))?);
         self.write_fit(&found, &said)
     }
 
+    /// Writes the sensor file of a calibration, its table, background, page and surfaces, and prints the figures.
     fn write_fit(&self, found: &Calibration, said: &[Diagnostic]) -> Result<(), Failure> {
-        let summary = summary(found);
-        let sensor = with_leds(found.session.sensor(found.geometry.thickness_mm), &found.leds);
+        let summary = summarise_calibration(found);
+        let sensor = with_leds(found.session.sensor_at_thickness(found.geometry.thickness_mm), &found.leds);
         let sensor = with_camera(with_print(sensor, &found.session), found.camera.as_ref());
-        let sensor = self.named(sensor);
+        let sensor = self.with_own_name(sensor);
         check_representable(&sensor, Some(&found.table))?;
         self.write_surfaces(&found.session, found.geometry)?;
         let page_path = self.out.with_extension("html");
-        let page = page(&self.name(), found, &summary, &report(said.to_vec()).texts());
+        let page = render_page(&self.sensor_name(), found, &summary, &build_report(said.to_vec()).messages_with_help());
         self.write_sensor(
             sensor,
-            background_of(&found.session),
+            written_background(&found.session),
             Some(&found.table),
             &summary,
             Some((&page_path, page)),
         )?;
-        print(&lines(&summary))?;
-        self.say_written(&format!("{}, {}", self.out.display(), page_path.display()));
+        print_result(&format_lines(&summary))?;
+        self.report_written(&format!("{}, {}", self.out.display(), page_path.display()));
         Ok(())
     }
 
-    /// Says where the work went.
-    fn say_written(&self, what: &str) {
+    /// Prints where the output was written.
+    fn report_written(&self, what: &str) {
         if !self.quiet {
-            say(&format!("-> {what}"));
+            print_to_stderr(&format!("-> {what}"));
         }
     }
 
-    /// Fits the LEDs alone.
-    fn fit_leds(&self, session: &Session, request: &Request) -> Result<(), Failure> {
-        let geometry = request.geometry(session);
-        let found =
-            run_leds(session, geometry).ok_or_else(|| unfit_failure(&Unfit::NoPixel, session.observations.len()))?;
-        let LedsAlone { leds, verdict, too_large } = &found;
+    /// Fits only the LEDs, and writes the sensor file.
+    fn fit_leds(&self, session: &Session, request: &CalibrationRequest) -> Result<(), Failure> {
+        let geometry = request.default_geometry(session);
+        let found = calibrate_leds(session, geometry)
+            .ok_or_else(|| explain_unfit(&CalibrationError::NoPixel, session.observations.len()))?;
+        let LedCalibration { leds, verdict, too_large } = &found;
         let large = too_large.iter().filter(|too_large| **too_large).count();
         let mut findings = Findings::default();
-        findings.extend(fit::leds(leds));
-        findings.extend(verdict.finding(large, too_large.len()));
+        findings.extend(fit::judge_leds(leds));
+        findings.extend(verdict.to_finding(large, too_large.len()));
         let warned = session.observations.iter().zip(too_large).filter(|(_, too_large)| **too_large);
-        findings.extend(warned.map(|(press, _)| OutlierReason::TooLarge.warning(&press.file)));
-        self.judged(findings)?;
-        let camera = measure(session);
-        let sensor = with_print(with_leds(session.sensor(geometry.thickness_mm), leds), session);
-        let sensor = self.named(with_camera(sensor, camera.as_ref()));
+        findings.extend(warned.map(|(press, _)| OutlierReason::TooLarge.to_warning(&press.file)));
+        self.report_findings(findings)?;
+        let camera = measure_camera(session);
+        let sensor = with_print(with_leds(session.sensor_at_thickness(geometry.thickness_mm), leds), session);
+        let sensor = self.with_own_name(with_camera(sensor, camera.as_ref()));
         check_representable(&sensor, None)?;
         self.write_surfaces(session, geometry)?;
-        let about =
-            [verdict_summary(verdict), dots_summary(session), leds_summary(leds), camera_summary(camera.as_ref())];
+        let about = [
+            summarise_verdict(verdict),
+            summarise_dots(session),
+            summarise_leds(leds),
+            summarise_camera(camera.as_ref()),
+        ];
         let about = about.concat();
-        self.write_sensor(sensor, background_of(session), None, &about, None)?;
-        print(&lines(&about))?;
-        self.say_written(&self.out.display().to_string());
+        self.write_sensor(sensor, written_background(session), None, &about, None)?;
+        print_result(&format_lines(&about))?;
+        self.report_written(&self.out.display().to_string());
         Ok(())
     }
 
-    fn import(&self, folder: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let ImportedSensor { name, resolution_px, field_of_view_mm, background, colors } = import(folder)?;
+    /// Writes the sensor file of a calibration of Taxim's.
+    fn import_taxim(&self, folder: &Path, sensor: Sensor) -> Result<(), Failure> {
+        let TaximImport { name, resolution_px, field_of_view_mm, background, colors } = import_taxim_folder(folder)?;
         let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
         let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
         let about = [(String::from("colours"), format!("Taxim's of {name}"))];
-        let (sensor, table) = (self.named(sensor), Table::new(Colors::Taxim(colors), 1.0));
+        let (sensor, table) =
+            (self.with_own_name(sensor), CalibrationTable::new(CalibrationColors::Taxim(colors), 1.0));
         let longer_px = f64::from(resolution_px[0].max(resolution_px[1]));
         let mm_per_px = field_of_view_mm[0] / f64::from(resolution_px[0]);
         let mut findings = Findings::default();
-        findings.extend(scale::view("`pixmm` in params.json", longer_px, mm_per_px));
-        self.judged(findings)?;
+        findings.extend(scale::judge_view("`pixmm` in params.json", longer_px, mm_per_px));
+        self.report_findings(findings)?;
         check_representable(&sensor, Some(&table))?;
         self.write_sensor(sensor, &background, Some(&table), &about, None)?;
-        self.say_written(&self.out.display().to_string());
+        self.report_written(&self.out.display().to_string());
         Ok(())
     }
 
+    /// Writes the sensor file of a calibration that GelSight publishes.
     fn import_lamps(&self, device: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let gelsight::ImportedSensor { name, resolution_px, field_of_view_mm, lamps, flat_field } =
-            gelsight::import(device)?;
+        let gelsight::GelsightImport { name, resolution_px, field_of_view_mm, lamps, flat_field } =
+            gelsight::import_gelsight_yaml(device)?;
         let mut about = vec![(String::from("lamps"), format!("GelSight's of {name}"))];
         match flat_field {
             Err(reason) => {
                 let message = format!("{reason}: the flat field is taken as even, and images lack the vignetting");
                 let help = "put the PNG that is published beside the YAML file there, and calibrate again";
-                self.log().notes(&Diagnostic::warning(message).help(help).into());
+                self.log().print_notes(&Diagnostic::warning(message).help(help).into());
             }
-            Ok(fitted) => about.extend(lamps.iter().zip(fitted).map(|(lamp, Left { rms, most })| {
+            Ok(fitted) => about.extend(lamps.iter().zip(fitted).map(|(lamp, FitResidual { rms, most })| {
                 let left = format!("{rms:.2} grey levels RMS left by the polynomial, {most:.1} at most");
                 (format!("flat field of lamp {}", lamp.name), left)
             })),
@@ -389,7 +414,7 @@ impl Calibrate {
             String::from("not in the calibration: thickness (--thickness-mm) and stiffness (--sensor) are nominal"),
         ));
         let sensor = Sensor {
-            name: self.name(),
+            name: self.sensor_name(),
             preset: None,
             file: None,
             resolution_px,
@@ -410,45 +435,45 @@ impl Calibrate {
         let mut findings = Findings::default();
         let longer_px = f64::from(resolution_px[0].max(resolution_px[1]));
         let mm_per_px = field_of_view_mm[0] / f64::from(resolution_px[0]);
-        findings.extend(scale::view("`mmperpixel`", longer_px, mm_per_px));
-        findings.extend(gelsight::darkness(&lamps));
-        self.judged(findings)?;
+        findings.extend(scale::judge_view("`mmperpixel`", longer_px, mm_per_px));
+        findings.extend(gelsight::check_darkness(&lamps));
+        self.report_findings(findings)?;
         check_representable(&Sensor { lamp: lamps.clone(), ..sensor.clone() }, None)?;
-        let internal = |error: toml::ser::Error| Failure::running(error.to_string());
+        let internal = |error: toml::ser::Error| Failure::runtime(error.to_string());
         let mut table = toml::Table::try_from(&sensor).map_err(internal)?;
-        // The lamps show the untouched pad.
+        // Lamps describe the untouched pad themselves, so a rendered background has no meaning.
         table.remove("rendered_background");
         let text = toml::to_string(&table).map_err(internal)?;
-        let text = format!("{}\n{text}{}", head(&about), gelsight::tables(&lamps));
-        self.make_folder()?;
-        write(&self.out, text.as_bytes())?;
-        print(&lines(&about))?;
-        self.say_written(&self.out.display().to_string());
+        let text = format!("{}\n{text}{}", format_header(&about), gelsight::format_lamp_tables(&lamps));
+        self.create_parent_folder()?;
+        write_file(&self.out, text.as_bytes())?;
+        print_result(&format_lines(&about))?;
+        self.report_written(&self.out.display().to_string());
         Ok(())
     }
 
-    /// Makes the folder of the sensor file.
-    fn make_folder(&self) -> Result<(), Failure> {
+    /// Creates the folder of the sensor file.
+    fn create_parent_folder(&self) -> Result<(), Failure> {
         match self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            Some(folder) => fs::create_dir_all(folder).map_err(|error| denied(folder, &error)),
+            Some(folder) => fs::create_dir_all(folder).map_err(|error| denied_failure(folder, &error)),
             None => Ok(()),
         }
     }
 
     fn write_surfaces(&self, session: &Session, geometry: Geometry) -> Result<(), Failure> {
         let Some(folder) = &self.surfaces else { return Ok(()) };
-        surfaces::write(session, geometry, folder).map_err(|(path, error)| denied(&path, &error))
+        surfaces::write_surfaces(session, geometry, folder).map_err(|(path, error)| denied_failure(&path, &error))
     }
 
-    /// The sensor's name.
-    fn name(&self) -> String {
+    /// Returns the sensor's name: that of the file without its ending.
+    fn sensor_name(&self) -> String {
         self.out.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
     }
 
-    /// The sensor under its own name, with what was fitted in place of another sensor's light.
-    fn named(&self, sensor: Sensor) -> Sensor {
+    /// Returns the sensor under its own name, without the preset, file and lamps that it started from.
+    fn with_own_name(&self, sensor: Sensor) -> Sensor {
         Sensor {
-            name: self.name(),
+            name: self.sensor_name(),
             preset: None,
             file: None,
             led: if sensor.led.is_empty() { Sensor::default().led } else { sensor.led },
@@ -457,18 +482,18 @@ impl Calibrate {
         }
     }
 
-    /// Writes the sensor file last: what it names is there then.
+    /// Writes the sensor file, after the files that it names: when it exists, they do.
     fn write_sensor(
         &self,
         sensor: Sensor,
         background: &RgbImage,
-        table: Option<&Table>,
+        table: Option<&CalibrationTable>,
         about: &[(String, String)],
         page: Option<(&Path, String)>,
     ) -> Result<(), Failure> {
         let [table_path, background_path] =
             ["calibration.json", "background.png"].map(|end| self.out.with_extension(end));
-        let table = table.map(|table| [json(table).as_slice(), b"\n"].concat());
+        let table = table.map(|table| [to_json_line(table).as_slice(), b"\n"].concat());
         let picture = encode_rgb(background.width() as usize, background.height() as usize, background);
         let sensor = Sensor {
             background: Some(file_name(&background_path)),
@@ -477,49 +502,49 @@ impl Calibrate {
             calibration_sha256: table.as_deref().map(sha256),
             ..sensor
         };
-        let text = toml::to_string(&sensor).map_err(|error| Failure::running(error.to_string()))?;
-        self.make_folder()?;
-        write(&background_path, &picture)?;
+        let text = toml::to_string(&sensor).map_err(|error| Failure::runtime(error.to_string()))?;
+        self.create_parent_folder()?;
+        write_file(&background_path, &picture)?;
         if let Some(table) = &table {
-            write(&table_path, table)?;
+            write_file(&table_path, table)?;
         }
         if let Some((path, page)) = page {
-            write(path, page.as_bytes())?;
+            write_file(path, page.as_bytes())?;
         }
-        write(&self.out, format!("{}\n{text}", head(about)).as_bytes())
+        write_file(&self.out, format!("{}\n{text}", format_header(about)).as_bytes())
     }
 }
 
-/// What speaks against presses and table before the fit, the likely causes first.
+/// Collects what speaks against the presses and their table before the fit, the likely causes first.
 fn find_doubts_before_fit(
     session: &Session,
-    request: &Request,
+    request: &CalibrationRequest,
     named: Option<(&str, [f64; 2])>,
     doubts: &[Vec<OutlierReason>],
 ) -> Findings {
     let mut findings = Findings::default();
-    findings.extend(scale::findings(session, named));
-    findings.extend(judge::images(session));
-    // What has a cause already is not said of each press again.
+    findings.extend(scale::judge_scale(session, named));
+    findings.extend(judge::judge_images(session));
+    // A wrong scale or background spoils every press: name that cause, not each press.
     if !findings.are_hopeless() {
-        findings.extend(fit::contacts(session, request.thickness_mm, request.contact_over_disc));
-        findings.extend(fit::doubtful(doubts));
-        findings.extend(warnings(session.observations.iter().map(|press| press.file.as_str()).zip(doubts)));
+        findings.extend(fit::judge_contacts(session, request.thickness_mm, request.contact_over_disc));
+        findings.extend(fit::judge_doubts(doubts));
+        findings.extend(collect_warnings(session.observations.iter().map(|press| press.file.as_str()).zip(doubts)));
     }
     findings
 }
 
-/// What speaks against a fit, and what is new against its presses.
+/// Collects what speaks against the fit, and what the fit says against its presses.
 fn find_doubts_after_fit(found: &Calibration) -> Findings {
     let all = found.session.observations.len();
     let doubtful = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
     let mut findings = Findings::default();
-    findings.extend(fit::leds(&found.leds));
-    findings.extend(found.verdict.finding(doubtful, all));
+    findings.extend(fit::judge_leds(&found.leds));
+    findings.extend(found.verdict.to_finding(doubtful, all));
     let left_out = found.dropped.iter().map(|(file, doubts)| (file.as_str(), doubts));
     findings.extend(left_out.flat_map(|(file, _)| {
         let message = format!("{file} left out");
-        Some(Diagnostic::warning(message).of(file, "presses are left out, for the reasons above"))
+        Some(Diagnostic::warning(message).about(file, "presses are left out, for the reasons above"))
     }));
     let files = found.session.observations.iter().map(|press| press.file.as_str());
     let new =
@@ -530,53 +555,57 @@ fn find_doubts_after_fit(found: &Calibration) -> Findings {
         .iter()
         .map(|(_, doubts)| doubts.iter().filter(|doubt| doubt.is_of_fit()).copied().collect())
         .collect();
-    findings.extend(warnings(found.dropped.iter().map(|(file, _)| file.as_str()).zip(&of_fit)));
-    findings.extend(warnings(files.zip(&new)));
+    findings.extend(collect_warnings(found.dropped.iter().map(|(file, _)| file.as_str()).zip(&of_fit)));
+    findings.extend(collect_warnings(files.zip(&new)));
     findings
 }
 
-/// The warnings on presses.
-fn warnings<'a>(presses: impl Iterator<Item = (&'a str, &'a Vec<OutlierReason>)>) -> Vec<Diagnostic> {
-    presses.flat_map(|(file, doubts)| doubts.iter().map(move |doubt| doubt.warning(file))).collect()
+/// Returns the doubts about each press as warnings.
+fn collect_warnings<'a>(presses: impl Iterator<Item = (&'a str, &'a Vec<OutlierReason>)>) -> Vec<Diagnostic> {
+    presses.flat_map(|(file, doubts)| doubts.iter().map(move |doubt| doubt.to_warning(file))).collect()
 }
 
-/// All of these, of one cause one.
-fn report(all: Vec<Diagnostic>) -> Report {
+/// Builds a report in which diagnostics of one cause are folded into one.
+fn build_report(all: Vec<Diagnostic>) -> Report {
     let mut folded = Diagnostics::default();
     folded.extend(all);
     Report::new(&folded, &[])
 }
 
-fn unfit_failure(unfit: &Unfit, count: usize) -> Failure {
+/// Returns the failure of a calibration that got no result.
+fn explain_unfit(unfit: &CalibrationError, count: usize) -> Failure {
     match unfit {
-        Unfit::NoPixel => user_error(
+        CalibrationError::NoPixel => user_error(
             "no pixel of the presses can be learnt from: they are out of view, or white in the background",
             "look at the circles in the table, and at the background image",
         )
         .into(),
-        Unfit::TooFew(dropped) => {
-            let message =
-                format!("of {count} presses {} are usable, and {} are needed", count - dropped.len(), session::FEWEST);
+        CalibrationError::TooFew(dropped) => {
+            let message = format!(
+                "of {count} presses {} are usable, and {} are needed",
+                count - dropped.len(),
+                session::MIN_PRESSES
+            );
             let help = if dropped.is_empty() {
                 "add presses to the table"
             } else {
                 "correct those that the warnings name, or leave --drop-bad out"
             };
             let first = Diagnostic::new(message).help(help);
-            // What speaks against them without a fit is said already.
+            // Doubts that need no fit were reported before it.
             let of_fit = |doubts: &[OutlierReason]| doubts.iter().filter(|doubt| doubt.is_of_fit()).copied().collect();
             let new: Vec<(&str, Vec<OutlierReason>)> =
                 dropped.iter().map(|(file, doubts)| (file.as_str(), of_fit(doubts))).collect();
-            let why = warnings(new.iter().map(|(file, doubts)| (*file, doubts)));
-            report([vec![first], why].concat()).into()
+            let why = collect_warnings(new.iter().map(|(file, doubts)| (*file, doubts)));
+            build_report([vec![first], why].concat()).into()
         }
     }
 }
 
-/// Refuses a sensor that no job would take: what was fitted is no light that a sensor file can hold.
-fn check_representable(sensor: &Sensor, table: Option<&Table>) -> Result<(), Failure> {
-    let mut wrong = standalone::out_of_range(sensor);
-    if let Some(Err(reason)) = table.map(|table| calibration::parse(&json(table))) {
+/// Fails if the fit is outside the range of a sensor file, so that no job would accept it.
+fn check_representable(sensor: &Sensor, table: Option<&CalibrationTable>) -> Result<(), Failure> {
+    let mut wrong = standalone::find_out_of_range(sensor);
+    if let Some(Err(reason)) = table.map(|table| calibration::parse_calibration(&to_json_line(table))) {
         wrong.push(Diagnostic::new(reason));
     }
     if wrong.is_empty() {
@@ -585,15 +614,15 @@ fn check_representable(sensor: &Sensor, table: Option<&Table>) -> Result<(), Fai
     let message = "what was fitted is out of the range of a sensor file, and nothing is written";
     let help = "check `ball_radius_mm`, `mm_per_px`, the circles, and --sensor, from which comes what is not fitted";
     wrong.insert(0, Diagnostic::new(message).help(help));
-    Log::text(false).notes(&report(wrong));
-    Err(Failure::reported(1))
+    Log::plain_text(false).print_notes(&build_report(wrong));
+    Err(Failure::already_reported(1))
 }
 
-/// What is said of dots that are printed on the pad.
-fn dots_note(session: &Session) -> Option<Diagnostic> {
+/// Returns the note on dots that are printed on the pad; `None` without dots.
+fn note_printed_dots(session: &Session) -> Option<Diagnostic> {
     let printed = session.printed.as_ref()?;
-    let (_, figures) = dots_summary(session).into_iter().next()?;
-    let help = match printed.dots.markers(session.camera.mm_per_px[0]) {
+    let (_, figures) = summarise_dots(session).into_iter().next()?;
+    let help = match printed.dots.to_markers(session.camera.mm_per_px[0]) {
         Some(_) => {
             "what they cover is not learnt; the background image is written without them, and they stand under [markers] in the \
                     sensor file, so that they move with the pad"
@@ -606,44 +635,46 @@ fn dots_note(session: &Session) -> Option<Diagnostic> {
     Some(Diagnostic::note(format!("dots are printed on the pad: {figures}")).help(help))
 }
 
-/// The background image as it is written: with dots, if no [markers] table can say them.
-fn background_of(session: &Session) -> &RgbImage {
+/// Returns the background image to write: with dots only if no [markers] table can describe them.
+fn written_background(session: &Session) -> &RgbImage {
     match &session.printed {
-        Some(printed) if printed.dots.markers(session.camera.mm_per_px[0]).is_none() => &printed.background,
+        Some(printed) if printed.dots.to_markers(session.camera.mm_per_px[0]).is_none() => &printed.background,
         _ => &session.background,
     }
 }
 
-/// A sensor with the dots that are printed on its pad.
+/// Returns the sensor with the dots that are printed on its pad.
 fn with_print(sensor: Sensor, session: &Session) -> Sensor {
-    let print = session.printed.as_ref().map(|printed| printed.dots.markers(session.camera.mm_per_px[0]));
+    let print = session.printed.as_ref().map(|printed| printed.dots.to_markers(session.camera.mm_per_px[0]));
     match print {
         Some(markers) => Sensor { markers, ..sensor },
         None => sensor,
     }
 }
 
-/// A sensor with these LEDs. What darkens with depth is in the light that they were fitted to.
+/// Returns the sensor with these LEDs. They were fitted to light that darkens with depth, so the sensor has no
+/// darkening of its own.
 fn with_leds(sensor: Sensor, found: &FittedLeds) -> Sensor {
     let (led, stray_light) = (found.leds.clone(), Some(found.stray_light));
-    // What other LEDs left unexplained is not what these leave.
+    // The residual that the sensor had belongs to other LEDs.
     Sensor { led, stray_light, light_residual: None, darkening: 0.0, ..sensor }
 }
 
-/// A sensor with this camera, as far as it was measured.
+/// Returns the sensor with the measured camera, if there is one.
 fn with_camera(sensor: Sensor, found: Option<&MeasuredCamera>) -> Sensor {
     let Some(found) = found else { return sensor };
-    let camera = found.distribution(sensor.camera.unwrap_or_default());
+    let camera = found.to_distribution(sensor.camera.unwrap_or_default());
     Sensor { camera: Some(camera), ..sensor }
 }
 
-/// The comment at the head of a sensor file.
-fn head(about: &[(String, String)]) -> String {
+/// Formats the comment at the head of a sensor file.
+fn format_header(about: &[(String, String)]) -> String {
     let about: String = about.iter().map(|(what, figure)| format!("# {what}: {figure}\n")).collect();
     format!("# Written by gelsim calibrate.\n{about}")
 }
 
-fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings: &[String]) -> String {
+/// Renders the HTML page of a calibration.
+fn render_page(name: &str, found: &Calibration, summary: &[(String, String)], warnings: &[String]) -> String {
     let presses = found.session.observations.iter().zip(&found.held_out).zip(&found.outlier_reasons);
     let shown: Vec<PressPanel> = presses
         .map(|((observation, held_out), outlier_reasons)| PressPanel {
@@ -655,12 +686,12 @@ fn page(name: &str, found: &Calibration, summary: &[(String, String)], warnings:
             outlier_reasons: panel_texts(observation.confidence, outlier_reasons),
         })
         .collect();
-    let normals = found.colors();
-    let verdict = (found.verdict.text(), found.verdict.is_hopeless());
-    Page { sensor: name, verdict, summary, warnings, presses: &shown, normals: &normals }.html()
+    let normals = found.color_discs();
+    let verdict = (found.verdict.to_sentence(), found.verdict.is_hopeless());
+    CalibrationPage { sensor: name, verdict, summary, warnings, presses: &shown, normals: &normals }.to_html()
 }
 
-/// What is said below the pictures of a press.
+/// Returns the lines below the pictures of a press: how sure its circle is, and the doubts about it.
 fn panel_texts(confidence: Option<f64>, doubts: &[OutlierReason]) -> Vec<String> {
     let found = confidence.map(|confidence| format!("its circle was found, {:.0} % sure", 100.0 * confidence));
     found.into_iter().chain(doubts.iter().map(ToString::to_string)).collect()
@@ -670,15 +701,15 @@ fn file_name(path: &Path) -> String {
     path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
-fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    write_output(path, bytes).map_err(|error| denied(path, &error))
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    write_output(path, bytes).map_err(|error| denied_failure(path, &error))
 }
 
-/// What the system denied, and what to do about it.
-fn denied(path: &Path, error: &io::Error) -> Failure {
-    Failure::denied(&format!("{}: {error}", path.display()), error, "choose another place with --out")
+/// Returns the failure of a path that the system refused, with what to do about it.
+fn denied_failure(path: &Path, error: &io::Error) -> Failure {
+    Failure::access_denied(&format!("{}: {error}", path.display()), error, "choose another place with --out")
 }
 
-fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::running(format!("{}: {error}", path.display()))
+fn path_failure(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::runtime(format!("{}: {error}", path.display()))
 }

@@ -10,8 +10,8 @@ use clap::Args;
 use super::Failure;
 use gelsim_files::diagnostic::user_error;
 
-/// Copy a dataset to LeRobot, Zarr or HDF5. The Python module does it: this command starts its `gelsim-export` with the same
-/// arguments.
+/// Copy a dataset to LeRobot, Zarr or HDF5. The Python module does it: this command starts its `gelsim-export` with the
+/// same arguments.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -19,22 +19,22 @@ Example:
   gelsim export out/quickstart --to zarr --out quickstart.zarr
   gelsim export out/quickstart --to hdf5 --out quickstart.h5 --check
 
-What it takes says `gelsim-export --help`.")]
+`gelsim-export --help` lists its arguments.")]
 pub struct Export {
     /// The arguments of gelsim-export: DIR --to lerobot|zarr|hdf5 --out OUT
     #[arg(required = true, value_name = "ARGUMENT", trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
 }
 
-/// The command that the module brings.
+/// The command that the Python module installs.
 const COMMAND: &str = "gelsim-export";
 
 impl Export {
     pub(super) fn run(self) -> Result<(), Failure> {
-        // Beside this program, or beside the Python that runs it.
+        // Beside this program, where an environment has both; else wherever the path finds it.
         let beside = std::env::current_exe().ok().and_then(|path| Some(path.parent()?.join(COMMAND)));
         let found = beside.filter(|path| path.is_file()).unwrap_or_else(|| PathBuf::from(COMMAND));
-        // Only if it cannot be started does this return.
+        // `exec` returns only if the command cannot be started.
         let error = Command::new(&found).args(&self.arguments).exec();
         if error.kind() == std::io::ErrorKind::NotFound {
             let message = "gelsim export is a part of the Python module, and no gelsim-export is on the path";

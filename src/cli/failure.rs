@@ -3,10 +3,10 @@
 use std::io;
 use std::path::Path;
 
-use super::terminal::fold;
-use gelsim_dataset::refused::Refused;
-use gelsim_files::diagnostic::{Diagnostic, Display, Report};
-use gelsim_files::spelling::{visible, without_codes};
+use super::terminal::fold_lines;
+use gelsim_dataset::dataset_error::DatasetError;
+use gelsim_files::diagnostic::{Diagnostic, DisplayOptions, Report};
+use gelsim_files::spelling::{escape_hidden_chars, strip_os_error_codes};
 use gelsim_files::store::{self, StoreError};
 
 /// Why the program ends with a status other than 0.
@@ -19,61 +19,64 @@ pub struct Failure {
 
 #[derive(Debug)]
 enum Message {
-    /// All has been said.
+    /// The reasons were printed already.
     Reported,
     Text(String),
     Report(Report),
 }
 
 impl Failure {
-    /// Something failed while running.
-    pub(super) fn running(message: impl Into<String>) -> Self {
-        Self { message: Message::Report(Report::message(message)), status: 1 }
+    /// Returns the failure of something that went wrong while running.
+    pub(super) fn runtime(message: impl Into<String>) -> Self {
+        Self { message: Message::Report(Report::from_message(message)), status: 1 }
     }
 
-    /// The same, and what to do about it or what is left.
-    pub(super) fn running_with(message: impl Into<String>, help: impl Into<String>) -> Self {
+    /// Returns the failure of something that went wrong while running, with what to do about it or what is left.
+    pub(super) fn runtime_with_help(message: impl Into<String>, help: impl Into<String>) -> Self {
         Self { message: Message::Report(Diagnostic::new(message).help(help).into()), status: 1 }
     }
 
-    /// A file could not be read or written.
+    /// Returns the failure of a file that could not be read or written.
     pub(super) fn from_path(path: &Path, error: &dyn std::fmt::Display) -> Self {
-        Self::running(format!("{}: {error}", path.display()))
+        Self::runtime(format!("{}: {error}", path.display()))
     }
 
-    /// The system denied something: what, what to do about it where the error tells, and what is left.
-    pub(super) fn denied(what: &str, error: &io::Error, left: &str) -> Self {
-        Self::running_with(what, format!("{}{left}", way_out(error)))
+    /// Returns the failure of something that the system refused: `what` it was, the remedy if `error` tells one, and
+    /// what is `left` of the work.
+    pub(super) fn access_denied(what: &str, error: &io::Error, left: &str) -> Self {
+        Self::runtime_with_help(what, format!("{}{left}", suggest_remedy(error)))
     }
 
-    /// A signal stopped the work.
-    pub(super) fn stopped(message: impl Into<String>, signal: usize) -> Self {
+    /// Returns the failure of work that a signal stopped.
+    pub(super) fn stopped_by_signal(message: impl Into<String>, signal: usize) -> Self {
         Self { message: Message::Text(message.into()), status: (128 + signal) as u8 }
     }
 
-    /// What is wrong has been said.
-    pub(super) fn reported(status: u8) -> Self {
+    /// Returns a failure whose reasons were printed already.
+    pub(super) fn already_reported(status: u8) -> Self {
         Self { message: Message::Reported, status }
     }
 
-    /// What is to be said; none if all has been said.
-    pub fn text(&self, display: Display) -> Option<String> {
+    /// Returns the text to print; `None` if the reasons were printed already.
+    pub fn to_text(&self, display: DisplayOptions) -> Option<String> {
         match &self.message {
             Message::Reported => None,
-            Message::Text(text) => Some(fold(&visible(&without_codes(text.clone())), display.columns).into_owned()),
+            Message::Text(text) => Some(
+                fold_lines(&escape_hidden_chars(&strip_os_error_codes(text.clone())), display.columns).into_owned(),
+            ),
             Message::Report(report) => Some(report.render(display)),
         }
     }
 }
 
-impl From<Refused> for Failure {
-    fn from(refused: Refused) -> Self {
+impl From<DatasetError> for Failure {
+    fn from(refused: DatasetError) -> Self {
         match refused {
-            Refused::Usage(report) => report.into(),
-            Refused::Io(path, error) => {
-                match store::said(&error).map_or("", StoreError::way_out).trim_end_matches("; ") {
+            DatasetError::Usage(report) => report.into(),
+            DatasetError::Io(path, error) => {
+                match store::find_store_error(&error).map_or("", StoreError::help).trim_end_matches("; ") {
                     "" => Self::from_path(&path, &error),
-                    way_out => Self::running_with(format!("{}: {error}", path.display()), way_out),
+                    way_out => Self::runtime_with_help(format!("{}: {error}", path.display()), way_out),
                 }
             }
         }
@@ -86,9 +89,10 @@ impl From<Report> for Failure {
     }
 }
 
-fn way_out(error: &io::Error) -> &'static str {
-    if let Some(said) = store::said(error) {
-        return said.way_out();
+/// Returns the remedy for an error of the system, with a final `; `; empty if none is known.
+fn suggest_remedy(error: &io::Error) -> &'static str {
+    if let Some(said) = store::find_store_error(error) {
+        return said.help();
     }
     use io::ErrorKind::{FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull, WouldBlock};
     let no_pool = error.get_ref().is_some_and(|inner| inner.is::<rayon::ThreadPoolBuildError>());
@@ -97,7 +101,7 @@ fn way_out(error: &io::Error) -> &'static str {
         StorageFull | QuotaExceeded => "make room there; ",
         FileTooLarge => "raise the limit of a file's size (ulimit -f), or write smaller shards; ",
         PermissionDenied | ReadOnlyFilesystem => "make the folder writable, or choose another one with --out; ",
-        // What the system says when it has no thread to give.
+        // The system reports a lack of threads as WouldBlock.
         kind if kind == WouldBlock || no_pool => {
             "raise the limit of processes or of memory (ulimit -u, -v), or use fewer --threads; "
         }

@@ -1,4 +1,4 @@
-//! `gelsim finalize`
+//! `gelsim finalize`: writes the index and card of a finished dataset.
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -6,18 +6,18 @@ use std::sync::atomic::AtomicBool;
 use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
-use super::store::{address, staging};
-use super::verify::mended_by;
-use super::{Failure, print};
-use gelsim_dataset::finalize::{Finalized, finalize, same_version};
-use gelsim_dataset::mirror::finalize_in;
-use gelsim_dataset::recorded::Recorded;
+use super::store::{parse_address, staging_folder};
+use super::verify::suggest_repair;
+use super::{Failure, print_result};
+use gelsim_dataset::finalize::{Finalized, check_same_version, finalize};
+use gelsim_dataset::mirror::finalize_in_store;
+use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_dataset::verify::CheckLevel;
-use gelsim_files::store::open;
+use gelsim_files::store::open_store;
 
-/// Describe a dataset that was made in parts: once all its shards are there and are what was written, write dataset.json,
-/// wids.json and README.md. Otherwise name the shards that are missing or broken, with exit status 1. Doing it again changes
-/// nothing. A run that finds all shards there does it by itself.
+/// Finish a dataset that was made in parts: if all its shards exist and are as they were written, write dataset.json,
+/// wids.json and README.md. Otherwise name the shards that are missing or damaged, with exit status 1. Doing it again
+/// changes nothing. A run that finds all shards finalizes the dataset by itself.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -25,7 +25,7 @@ Example:
   gelsim generate job.toml --out presses --partition 1/2
   gelsim finalize presses
 
-Below what is wrong it names the commands that mend it; shards that are whole stay as they are.")]
+Below what is wrong it names the commands that fix it; valid shards stay as they are.")]
 pub struct Finalize {
     /// The dataset's folder, or its address in a store
     #[arg(value_name = "DIR")]
@@ -33,7 +33,7 @@ pub struct Finalize {
     /// Compare the shards' sizes only, not their checksums
     #[arg(long)]
     quick: bool,
-    /// Folder for what is read of a store [default: that for temporary files]
+    /// Folder for what is read from a store [default: the folder for temporary files]
     #[arg(long, value_name = "DIR")]
     staging: Option<PathBuf>,
 }
@@ -41,35 +41,36 @@ pub struct Finalize {
 impl Finalize {
     pub(super) fn run(self) -> Result<(), Failure> {
         let depth = if self.quick { CheckLevel::Sizes } else { CheckLevel::Checksums };
-        let store = address(&self.dir)?;
+        let store = parse_address(&self.dir)?;
         let (finalized, layout) = match &store {
             None => {
-                let recorded = Recorded::open(&self.dir)?;
-                same_version(&recorded)?;
+                let recorded = RecordedDataset::open(&self.dir)?;
+                check_same_version(&recorded)?;
                 (finalize(&recorded, depth)?, recorded.layout)
             }
             Some(address) => {
-                // Nothing is half written when a signal ends it.
+                // Never set: nothing is half written if a signal ends the process, so there is nothing to stop in
+                // order.
                 let never = AtomicBool::new(false);
-                let store = open(address, &never).map_err(|error| Failure::from_path(&self.dir, &error))?;
-                finalize_in(&*store, &staging(self.staging), depth)?
+                let store = open_store(address, &never).map_err(|error| Failure::from_path(&self.dir, &error))?;
+                finalize_in_store(&*store, &staging_folder(self.staging), depth)?
             }
         };
-        let [samples, shards] = [layout.samples(), layout.shard_count()].map(HumanCount);
+        let [samples, shards] = [layout.sample_count(), layout.shard_count()].map(HumanCount);
         let all = format!("{}: {samples} samples in {shards} shards", self.dir.display());
         match finalized {
-            Finalized::Whole { bytes } => print(&format!("{all}, {}: finalized\n", HumanBytes(bytes))),
-            Finalized::Wanting(findings) => {
+            Finalized::Valid { bytes } => print_result(&format!("{all}, {}: finalized\n", HumanBytes(bytes))),
+            Finalized::Invalid(findings) => {
                 let named: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
-                let mended = match &store {
-                    None => mended_by(&self.dir, &findings),
+                let repair = match &store {
+                    None => suggest_repair(&self.dir, &findings),
                     Some(address) => format!(
                         "remove the stats of shards that are not what was written, then\n  gelsim generate JOB.toml --out {address}\n"
                     ),
                 };
-                print(&format!("{named}{all}: not finalized\n{mended}"))?;
-                // What is wrong has been said.
-                Err(Failure::reported(1))
+                print_result(&format!("{named}{all}: not finalized\n{repair}"))?;
+                // The findings were printed above.
+                Err(Failure::already_reported(1))
             }
         }
     }

@@ -1,4 +1,4 @@
-//! `gelsim generate`
+//! `gelsim generate`: makes a dataset, in a folder or in a store.
 
 use std::path::PathBuf;
 
@@ -7,20 +7,20 @@ use gelsim_lab::numbers::{HumanBytes, HumanCount};
 use serde_json::{Value, json};
 
 use super::log::{Format, Log};
-use super::long_run::long_run;
-use super::store::{address, staging};
-use super::terminal::say;
+use super::long_run::run_interruptible;
+use super::store::{parse_address, staging_folder};
+use super::terminal::print_to_stderr;
 use super::{Extent, Failure, JobOverrides, settle_fidelity};
 use gelsim_dataset::folder::recorded_fidelity;
-use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
-use gelsim_dataset::verify::{Cure, Finding};
+use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store};
+use gelsim_dataset::verify::{DatasetFinding, Remedy};
 use gelsim_files::diagnostic::{Diagnostic, user_error};
-use gelsim_files::store::{Address, open};
-use gelsim_job::label::key;
+use gelsim_files::store::{StoreAddress, open_store};
+use gelsim_job::label::sample_key;
 use gelsim_job::plan::Plan;
-use gelsim_job::probe::foresee;
+use gelsim_job::probe::preview_job;
 
-/// Generate the dataset that a job describes. The same command goes on where a stopped run left off.
+/// Generate the dataset that a job describes. Run the same command again to continue a run that was stopped.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -37,10 +37,10 @@ pub struct Generate {
     overrides: JobOverrides,
     #[command(flatten)]
     extent: Extent,
-    /// Replace a dataset that is in the folder
+    /// Replace a dataset that exists in the folder
     #[arg(long)]
     overwrite: bool,
-    /// Folder for shards on their way to a store [default: that for temporary files]
+    /// Folder for shards before they go to a store [default: the folder for temporary files]
     #[arg(long, value_name = "DIR")]
     staging: Option<PathBuf>,
     /// Print nothing but errors
@@ -54,19 +54,19 @@ pub struct Generate {
 impl Generate {
     pub(super) fn run(self) -> Result<(), Failure> {
         let log = Log { format: self.log_format, quiet: self.quiet };
-        self.generate(log).map_err(|failure| log.failed(failure))
+        self.generate(log).map_err(|failure| log.report_failure(failure))
     }
 
     fn generate(self, log: Log) -> Result<(), Failure> {
-        let threads = self.extent.threads()?;
-        let plan = Plan::load(&self.job, &self.overrides.overrides())?;
-        let foreseen = foresee(&plan);
-        self.overrides.note(&foreseen.notes, log)?;
-        let shards = self.extent.shards(plan.layout.shard_count())?;
-        let root = self.extent.root(&plan);
-        let store = address(&root)?;
+        let threads = self.extent.thread_count()?;
+        let plan = Plan::load(&self.job, &self.overrides.to_overrides())?;
+        let foreseen = preview_job(&plan);
+        self.overrides.report_notes(&foreseen.notes, log)?;
+        let shards = self.extent.shard_range(plan.layout.shard_count())?;
+        let root = self.extent.dataset_root(&plan);
+        let store = parse_address(&root)?;
         let recorded = if self.overwrite { None } else { recorded_fidelity(&root) };
-        if store.is_some() && plan.open_choice().is_some() {
+        if store.is_some() && plan.open_fidelity_choice().is_some() {
             let message = "a dataset in a store cannot leave its fidelity to be chosen";
             return Err(user_error(message, "name a level with --fidelity (gelsim tradeoff shows them)").into());
         }
@@ -77,19 +77,24 @@ impl Generate {
             )
             .into());
         }
-        if shards.is_some() && recorded.is_none() && plan.open_choice().is_some() {
+        if shards.is_some() && recorded.is_none() && plan.open_fidelity_choice().is_some() {
             let message = "parts of a dataset cannot each choose their own fidelity";
             let help = "name a level with --fidelity (gelsim tradeoff shows them), or begin the dataset without \
                         --shards and --partition";
             return Err(user_error(message, help).into());
         }
         let plan = settle_fidelity(plan, recorded, log)?;
-        let request = Request { root: root.clone(), shards, threads, overwrite: self.overwrite };
-        let in_store = |address: &Address, watch: &Watch| {
-            let store = open(address, &watch.stop).map_err(|error| GenerateError::Io(root.clone(), error))?;
-            generate_in(&*store, &plan, &Request { root: staging(self.staging.clone()), ..request.clone() }, watch)
+        let request = GenerateRequest { root: root.clone(), shards, threads, overwrite: self.overwrite };
+        let in_store = |address: &StoreAddress, watch: &RunMonitor| {
+            let store = open_store(address, &watch.stop).map_err(|error| GenerateError::Io(root.clone(), error))?;
+            generate_in_store(
+                &*store,
+                &plan,
+                &GenerateRequest { root: staging_folder(self.staging.clone()), ..request.clone() },
+                watch,
+            )
         };
-        let (result, signal) = long_run(log, |watch| match &store {
+        let (result, signal) = run_interruptible(log, |watch| match &store {
             None => generate(&plan, &request, watch),
             Some(address) => in_store(address, watch),
         })?;
@@ -97,16 +102,19 @@ impl Generate {
             Ok(done) => {
                 let root = root.display().to_string();
                 match log.format {
-                    Format::Json => log.event("done", summary_json(&done, &root)),
+                    Format::Json => log.write_event("done", summarise_as_json(&done, &root)),
                     Format::Text if !self.quiet => {
-                        // What was said before the run is not said again.
-                        let misses = if foreseen.misses {
+                        // A warning from before the run is not repeated after it.
+                        let misses = if foreseen.may_miss {
                             None
                         } else {
                             warn_of_misses(&done, plan.job().indentation.no_contact)
                         };
-                        say(&summary(&done, &root));
-                        misses.into_iter().chain(note_unmeasured_light(&done)).for_each(|note| log.notes(&note.into()));
+                        print_to_stderr(&format_summary(&done, &root));
+                        misses
+                            .into_iter()
+                            .chain(note_unmeasured_light(&done))
+                            .for_each(|note| log.print_notes(&note.into()));
                     }
                     Format::Text => {}
                 }
@@ -117,7 +125,8 @@ impl Generate {
     }
 }
 
-fn summary(done: &Done, root: &str) -> String {
+/// Formats what a run made, and how many samples of it need a look.
+fn format_summary(done: &RunSummary, root: &str) -> String {
     let mut text = format!(
         "{} samples in {} shard{}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
         HumanCount(done.samples),
@@ -155,9 +164,9 @@ fn summary(done: &Done, root: &str) -> String {
     text
 }
 
-/// What to say where more than a fifth of the samples touch nothing beyond the share of those that are meant to, and
-/// beyond twice the spread of their number.
-fn warn_of_misses(done: &Done, no_contact: f64) -> Option<Diagnostic> {
+/// Warns of samples without contact: if there are more than the job means to have, by a fifth of all and two standard
+/// deviations of their number.
+fn warn_of_misses(done: &RunSummary, no_contact: f64) -> Option<Diagnostic> {
     let samples = done.samples as f64;
     let (meant, spread) = (no_contact * samples, (no_contact * (1.0 - no_contact) * samples).sqrt());
     let missed = done.samples - done.in_contact;
@@ -172,16 +181,16 @@ fn warn_of_misses(done: &Done, no_contact: f64) -> Option<Diagnostic> {
     })
 }
 
-/// What to say where light was asked for that nobody measured.
-fn note_unmeasured_light(done: &Done) -> Option<Diagnostic> {
+/// Returns a note if samples use light outside the calibrated range.
+fn note_unmeasured_light(done: &RunSummary) -> Option<Diagnostic> {
     done.light.note().map(|note| {
         Diagnostic::note(note)
             .help("leave such samples out by numerics.light_outside_range in their labels, or press less deep")
     })
 }
 
-/// The same for pipelines.
-fn summary_json(done: &Done, root: &str) -> Value {
+/// Returns what a run made as a JSON object, for pipelines.
+fn summarise_as_json(done: &RunSummary, root: &str) -> Value {
     json!({
         "out": root,
         "samples": done.samples,
@@ -202,36 +211,37 @@ fn summary_json(done: &Done, root: &str) -> Value {
     })
 }
 
-fn samples_per_second(done: &Done) -> f64 {
+fn samples_per_second(done: &RunSummary) -> f64 {
     done.samples as f64 / done.seconds.max(1e-9)
 }
 
+/// Returns the failure of a run that ended early, with what is left of its work.
 fn explain_failure(stopped: GenerateError, seed: u64, signal: usize) -> Failure {
     match stopped {
         GenerateError::Usage(report) => report.into(),
         GenerateError::Io(path, error) => {
             let left = "what is finished stays; the same command goes on from there";
-            Failure::denied(&format!("{}: {error}", path.display()), &error, left)
+            Failure::access_denied(&format!("{}: {error}", path.display()), &error, left)
         }
         GenerateError::Held(holders) => {
-            Failure::running_with(holders.join("\n"), "all other shards are done; the same command checks again")
+            Failure::runtime_with_help(holders.join("\n"), "all other shards are done; the same command checks again")
         }
-        GenerateError::Wanting(findings) => {
-            let strays = findings.iter().filter(|finding| matches!(finding.cure, Cure::Remove(_)));
-            let named: Vec<String> = strays.map(Finding::to_string).collect();
+        GenerateError::Invalid(findings) => {
+            let strays = findings.iter().filter(|finding| matches!(finding.remedy, Remedy::Remove(_)));
+            let named: Vec<String> = strays.map(DatasetFinding::to_string).collect();
             let help = "all shards are done, but readers would take this for data; remove it, the same command then ends the dataset";
-            Failure::running_with(named.join("\n"), help)
+            Failure::runtime_with_help(named.join("\n"), help)
         }
-        GenerateError::Unhealthy(unfit) => Failure::running_with(
+        GenerateError::Unhealthy(unfit) => Failure::runtime_with_help(
             unfit.to_string(),
             "finished shards stay; output.on_unhealthy = \"keep\" takes such samples into the dataset, \"reject\" draws them again",
         ),
-        GenerateError::Panicked(index, message) => Failure::running_with(
-            format!("sample {} (seed {seed}) brought gelsim down, which is a bug: {message}", key(index)),
+        GenerateError::Panicked(index, message) => Failure::runtime_with_help(
+            format!("sample {} (seed {seed}) brought gelsim down, which is a bug: {message}", sample_key(index)),
             "finished shards stay; please report it with the job",
         ),
         GenerateError::Interrupted => {
-            Failure::stopped("stopped; finished shards stay, the same command goes on from there", signal)
+            Failure::stopped_by_signal("stopped; finished shards stay, the same command goes on from there", signal)
         }
     }
 }

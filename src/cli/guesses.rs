@@ -1,4 +1,4 @@
-//! Words on the command line that other programs have and this one has not: what their user means.
+//! Advice on flags, commands and values that other programs have and this one does not.
 
 use std::ffi::OsString;
 
@@ -8,8 +8,8 @@ use clap::{Command, CommandFactory, Error};
 
 use super::Arguments;
 
-/// Flags that are guessed, and those that are meant: the first that the command has.
-const FLAGS: &[(&[&str], &[&str])] = &[
+/// Flags of other programs, and those that are meant: the first of them that the command has is suggested.
+const FLAG_GUESSES: &[(&[&str], &[&str])] = &[
     (&["--n", "-n", "--num", "--number", "--num-samples", "--n-samples", "--count"], &["--samples", "--count"]),
     (&["--force", "-f", "--yes", "-y", "--replace", "--clobber"], &["--overwrite"]),
     (
@@ -33,8 +33,8 @@ const FLAGS: &[(&[&str], &[&str])] = &[
     (&["--bg", "--reference"], &["--background"]),
 ];
 
-/// Flags that stand for something else: a key of the job, another command.
-const ELSEWHERE: &[(&[&str], &str)] = &[
+/// Flags whose purpose something else serves: a key of the job, another command.
+const ELSEWHERE_GUESSES: &[(&[&str], &str)] = &[
     (
         &["--dry-run", "--dryrun", "--plan", "--check"],
         "`gelsim plan JOB.toml` says what would be done, and writes nothing",
@@ -53,8 +53,8 @@ const ELSEWHERE: &[(&[&str], &str)] = &[
     (&["--format"], "`gelsim export DIR --to lerobot|zarr|hdf5 --out OUT` copies a dataset to other formats"),
 ];
 
-/// Commands that are guessed, and those that are meant.
-const COMMANDS: &[(&[&str], &str)] = &[
+/// Commands of other programs, and what to run instead.
+const COMMAND_GUESSES: &[(&[&str], &str)] = &[
     (&["version", "-v"], "gelsim --version"),
     (
         &["run", "gen", "create", "make", "build", "simulate", "start", "resume", "continue", "sample"],
@@ -81,8 +81,8 @@ const COMMANDS: &[(&[&str], &str)] = &[
     (&["mesh", "meshes"], "gelsim inspect MESH"),
 ];
 
-/// Values that are guessed, and those that are meant.
-const VALUES: &[(&[&str], &str)] = &[
+/// Values of other programs, and those that are meant.
+const VALUE_GUESSES: &[(&[&str], &str)] = &[
     (&["presets", "preset", "sensor"], "sensors"),
     (&["level", "fidelity", "fidelities", "rung", "rungs", "quality"], "levels"),
     (&["mesh", "meshes", "object", "indenters"], "objects"),
@@ -98,13 +98,14 @@ const VALUES: &[(&[&str], &str)] = &[
     (&["gelsight", "mini", "gelsight_mini", "gelsightmini"], "gelsight-mini"),
 ];
 
-fn meant<T: Copy>(table: &[(&[&str], T)], written: &str) -> Option<T> {
+/// Returns what a table gives for a word, in any case of letters.
+fn find_guess<T: Copy>(table: &[(&[&str], T)], written: &str) -> Option<T> {
     let written = written.to_lowercase();
     table.iter().find(|(guesses, _)| guesses.contains(&written.as_str())).map(|(_, meant)| *meant)
 }
 
-/// The error of a command line, with the advice that fits what its user means.
-pub(super) fn advised(mut error: Error, line: &[OsString]) -> Error {
+/// Adds the advice that fits what the user means to the error of a command line.
+pub(super) fn add_advice(mut error: Error, line: &[OsString]) -> Error {
     let text = |kind: ContextKind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         _ => None,
@@ -114,29 +115,29 @@ pub(super) fn advised(mut error: Error, line: &[OsString]) -> Error {
     match error.kind() {
         ErrorKind::UnknownArgument => {
             let Some(flag) = text(ContextKind::InvalidArg) else { return error };
-            // That it might be a value was a guess, too, and leads nowhere.
+            // clap's own guess, that it might be a value, leads nowhere.
             error.remove(ContextKind::Suggested);
             if flag.ends_with(".toml") && command.as_ref().is_some_and(|command| command.get_name() == "render") {
-                suggest(
+                add_suggestion(
                     &mut error,
                     "gelsim generate JOB.toml and gelsim preview JOB.toml render a job; render takes --depth FRAMES",
                 );
                 return error;
             }
             let has = |wanted: &&&str| command.as_ref().is_some_and(|command| has_flag(command, wanted));
-            let known = meant(FLAGS, &flag).and_then(|meant| meant.iter().find(has));
+            let known = find_guess(FLAG_GUESSES, &flag).and_then(|meant| meant.iter().find(has));
             if let Some(known) = known {
                 error.insert(ContextKind::SuggestedArg, ContextValue::String((*known).to_owned()));
-            } else if let Some(help) = meant(ELSEWHERE, &flag) {
+            } else if let Some(help) = find_guess(ELSEWHERE_GUESSES, &flag) {
                 error.remove(ContextKind::SuggestedArg);
-                suggest(&mut error, help);
+                add_suggestion(&mut error, help);
             }
         }
         ErrorKind::InvalidSubcommand => {
             let Some(name) = text(ContextKind::InvalidSubcommand) else { return error };
-            if let Some(help) = meant(COMMANDS, &name) {
+            if let Some(help) = find_guess(COMMAND_GUESSES, &name) {
                 error.remove(ContextKind::SuggestedSubcommand);
-                suggest(&mut error, help);
+                add_suggestion(&mut error, help);
             }
         }
         ErrorKind::InvalidValue => {
@@ -146,7 +147,7 @@ pub(super) fn advised(mut error: Error, line: &[OsString]) -> Error {
                 _ => Vec::new(),
             };
             let same = known.iter().find(|known| known.eq_ignore_ascii_case(&value)).map(String::as_str);
-            let by_table = meant(VALUES, &value).filter(|meant| known.iter().any(|known| known == meant));
+            let by_table = find_guess(VALUE_GUESSES, &value).filter(|meant| known.iter().any(|known| known == meant));
             if let Some(meant) = same.or(by_table) {
                 error.insert(ContextKind::SuggestedValue, ContextValue::String(meant.to_owned()));
             }
@@ -156,7 +157,7 @@ pub(super) fn advised(mut error: Error, line: &[OsString]) -> Error {
     error
 }
 
-fn suggest(error: &mut Error, help: &str) {
+fn add_suggestion(error: &mut Error, help: &str) {
     error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![StyledStr::from(help.to_owned())]));
 }
 
@@ -166,8 +167,9 @@ fn has_flag(command: &Command, flag: &str) -> bool {
         .any(|argument| argument.get_long().is_some_and(|long| flag.strip_prefix("--") == Some(long)))
 }
 
-/// A whole number, in words of its own where it is none.
-pub(super) fn whole<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
+/// Parses an integer of 0 or more. If the text is a number in another form, such as `1k`, the error says how to write
+/// it.
+pub(super) fn parse_whole_number<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
     if let Some(number) = text.parse::<u64>().ok().and_then(|number| T::try_from(number).ok()) {
         return Ok(number);
     }
@@ -177,14 +179,14 @@ pub(super) fn whole<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
         text if text.ends_with('m') => (text[..text.len() - 1].to_owned(), 1e6),
         text => (text, 1.0),
     };
-    match digits.parse::<f64>().ok().map(|number| times * number).and_then(gelsim_job::config::whole) {
+    match digits.parse::<f64>().ok().map(|number| times * number).and_then(gelsim_job::config::format_integer) {
         Some(number) if number != text => Err(format!("write a whole number: {number}")),
         _ => Err(String::from("write a whole number, such as 100")),
     }
 }
 
-/// A number, likewise.
-pub(super) fn number(text: &str) -> Result<f64, String> {
+/// Parses a number. If the text has a decimal comma, the error says how to write it.
+pub(super) fn parse_number(text: &str) -> Result<f64, String> {
     text.parse().map_err(|_| match text.replace(',', ".").parse::<f64>() {
         Ok(number) => format!("write a number: {number}"),
         Err(_) => String::from("write a number, such as 10 or 0.5"),
@@ -198,10 +200,10 @@ mod tests {
     #[test]
     fn flags_that_are_advised_are_flags_of_some_command_and_commands_are_commands() {
         let root = Arguments::command();
-        for flag in FLAGS.iter().flat_map(|(_, meant)| *meant) {
+        for flag in FLAG_GUESSES.iter().flat_map(|(_, meant)| *meant) {
             assert!(root.get_subcommands().any(|command| has_flag(command, flag)), "{flag}");
         }
-        for (_, help) in COMMANDS {
+        for (_, help) in COMMAND_GUESSES {
             for command in help.split("gelsim ").skip(1) {
                 let name = command.split([' ', ',']).next().unwrap_or_default();
                 assert!(name == "--version" || root.find_subcommand(name).is_some(), "{name} of {help}");
@@ -211,12 +213,12 @@ mod tests {
 
     #[test]
     fn numbers_are_refused_in_plain_words() {
-        assert_eq!(whole::<u64>("1000"), Ok(1000));
-        assert_eq!(whole::<u64>("1k"), Err(String::from("write a whole number: 1000")));
-        assert_eq!(whole::<u64>("1,000"), Err(String::from("write a whole number: 1000")));
-        assert_eq!(whole::<u64>("1e3"), Err(String::from("write a whole number: 1000")));
-        assert_eq!(whole::<u64>("abc"), Err(String::from("write a whole number, such as 100")));
-        assert_eq!(whole::<u64>("-3"), Err(String::from("write a whole number, such as 100")));
-        assert_eq!(number("0,5"), Err(String::from("write a number: 0.5")));
+        assert_eq!(parse_whole_number::<u64>("1000"), Ok(1000));
+        assert_eq!(parse_whole_number::<u64>("1k"), Err(String::from("write a whole number: 1000")));
+        assert_eq!(parse_whole_number::<u64>("1,000"), Err(String::from("write a whole number: 1000")));
+        assert_eq!(parse_whole_number::<u64>("1e3"), Err(String::from("write a whole number: 1000")));
+        assert_eq!(parse_whole_number::<u64>("abc"), Err(String::from("write a whole number, such as 100")));
+        assert_eq!(parse_whole_number::<u64>("-3"), Err(String::from("write a whole number, such as 100")));
+        assert_eq!(parse_number("0,5"), Err(String::from("write a number: 0.5")));
     }
 }

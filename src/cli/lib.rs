@@ -1,4 +1,4 @@
-//! The command line: one file per subcommand, each from arguments to a library call to what is printed.
+//! The command line: one file per subcommand, which turns arguments into a call of the library and prints the result.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::ffi::OsString;
@@ -11,10 +11,10 @@ use clap::{Args, Parser, Subcommand};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_files::diagnostic::{Report, Severity, user_error};
 use gelsim_files::length::Unit;
-use gelsim_files::spelling::visible;
+use gelsim_files::spelling::escape_hidden_chars;
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
-use gelsim_lab::tradeoff::choose::choose;
+use gelsim_lab::tradeoff::choose::choose_level;
 
 mod augment;
 mod calibrate;
@@ -45,7 +45,7 @@ mod verify;
 
 pub use failure::Failure;
 use log::Log;
-pub use terminal::say;
+pub use terminal::print_to_stderr;
 
 /// Synthetic datasets for optical tactile sensors.
 #[derive(Debug, Parser)]
@@ -69,7 +69,7 @@ pub struct Arguments {
 enum Command {
     /// Generate the dataset that a job describes.
     Generate(generate::Generate),
-    /// Say what a job would do: effects and why, time, bytes.
+    /// Show what a job would do: effects and why, time, bytes.
     Plan(plan::Plan),
     /// Compare all fidelity levels on a job's samples: error and time.
     Tradeoff(tradeoff::Tradeoff),
@@ -91,7 +91,7 @@ enum Command {
     Render(render::Render),
     /// Enlarge a real dataset.
     Augment(augment::Augment),
-    /// Say what meshes are like and what a sensor would see of them.
+    /// Check meshes, and show what a sensor would see of them.
     Inspect(inspect::Inspect),
     /// Write a commented job to start from.
     Init(init::Init),
@@ -108,21 +108,21 @@ enum Command {
 /// Exit status of a program that panicked, which is a bug.
 pub const PANICKED: u8 = 101;
 
-/// Runs a command line, the program's name first, and prints what went wrong. The exit status.
+/// Runs a command line, whose first word is the program's name, and prints what went wrong. Returns the exit status.
 pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
     let line: Vec<OsString> = line.into_iter().collect();
     let arguments = match Arguments::try_parse_from(&line) {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help, or what is wrong with the line. Help that nobody can hear is no success.
-            let error = guesses::advised(error, &line);
-            let printed = terminal::show(&error.render(), error.use_stderr());
+            // Help that was asked for, or a mistake in the line. Help that cannot be printed is a failure.
+            let error = guesses::add_advice(error, &line);
+            let printed = terminal::print_styled(&error.render(), error.use_stderr());
             return if printed.is_ok() { error.exit_code() as u8 } else { (error.exit_code() as u8).max(1) };
         }
     };
     let Err(failure) = run(arguments) else { return 0 };
-    if let Some(message) = failure.text(terminal::errors()) {
-        terminal::say_shown(&message);
+    if let Some(message) = failure.to_text(terminal::stderr_display()) {
+        terminal::print_as_is(&message);
     }
     failure.status
 }
@@ -151,7 +151,8 @@ fn run(arguments: Arguments) -> Result<(), Failure> {
     }
 }
 
-/// Starts the threads that read meshes and render, so that a system that has none to give is told in words.
+/// Starts the threads that read meshes and render, so that a system that has none to give causes a message, not a
+/// panic.
 fn start_threads(command: &Command) -> Result<(), Failure> {
     if matches!(
         command,
@@ -159,41 +160,41 @@ fn start_threads(command: &Command) -> Result<(), Failure> {
     ) {
         return Ok(());
     }
-    rayon::ThreadPoolBuilder::new().build_global().map_err(|error| no_threads(&error))
+    rayon::ThreadPoolBuilder::new().build_global().map_err(|error| threads_failure(&error))
 }
 
-/// The system gives no more threads.
-fn no_threads(error: &dyn std::fmt::Display) -> Failure {
-    Failure::running_with(
+/// Returns the failure of a system that gives no more threads.
+fn threads_failure(error: &dyn std::fmt::Display) -> Failure {
+    Failure::runtime_with_help(
         format!("cannot start threads: {error}"),
         "raise the limit of processes or of memory (ulimit -u, -v), or use fewer --threads",
     )
 }
 
-/// A plan whose fidelity level is known: one that the job leaves to be chosen is the recorded one, or is found by
-/// probing.
+/// Returns the plan with a fidelity level: the job's, or if the job leaves it open the `recorded` one, or else the one
+/// that probing finds.
 fn settle_fidelity(plan: Plan, recorded: Option<Fidelity>, log: Log) -> Result<Plan, Failure> {
-    let Some(bound) = plan.open_choice() else { return Ok(plan) };
+    let Some(bound) = plan.open_fidelity_choice() else { return Ok(plan) };
     if let Some(level) = recorded {
-        log.note(&format!("fidelity {}, with which the dataset was begun", level.name()));
+        log.print_note(&format!("fidelity {}, with which the dataset was begun", level.name()));
         return Ok(plan.with_fidelity(level));
     }
-    let chosen = choose(&plan, bound)?;
-    log.note(&chosen.to_string());
+    let chosen = choose_level(&plan, bound)?;
+    log.print_note(&chosen.to_string());
     Ok(plan.with_fidelity(chosen.level))
 }
 
-/// What changes a job from the command line.
+/// Flags that change a job.
 #[derive(Clone, Debug, Args)]
 struct JobOverrides {
     /// Number of samples
-    #[arg(short = 'n', long, value_name = "N", value_parser = guesses::whole::<u64>)]
+    #[arg(short = 'n', long, value_name = "N", value_parser = guesses::parse_whole_number::<u64>)]
     samples: Option<u64>,
     /// Seed of all randomness
-    #[arg(long, value_name = "S", value_parser = guesses::whole::<u64>)]
+    #[arg(long, value_name = "S", value_parser = guesses::parse_whole_number::<u64>)]
     seed: Option<u64>,
     /// Fidelity level: how exact the numerics are; the job's physics stays
-    #[arg(long, value_name = "LEVEL", value_parser = fidelity_level())]
+    #[arg(long, value_name = "LEVEL", value_parser = fidelity_level_parser())]
     fidelity: Option<Fidelity>,
     /// Run every effect that the job and the sensor have, also where it changes nothing
     #[arg(long)]
@@ -204,14 +205,14 @@ struct JobOverrides {
     /// Treat notes and warnings as errors: nothing is written
     #[arg(long)]
     strict: bool,
-    /// Say also what needs nothing done, such as triangles that were left out
+    /// Also print notes that need no action, such as on triangles that were left out
     #[arg(short, long)]
     verbose: bool,
 }
 
 impl JobOverrides {
-    /// The flags that are there and mean nothing without a job.
-    fn names(&self) -> Vec<&'static str> {
+    /// Returns the flags that were given and mean nothing without a job.
+    fn given_flags(&self) -> Vec<&'static str> {
         let flags = [
             ("--samples", self.samples.is_some()),
             ("--seed", self.seed.is_some()),
@@ -220,36 +221,36 @@ impl JobOverrides {
             ("--set", !self.set.is_empty()),
             ("--strict", self.strict),
         ];
-        flags.into_iter().filter(|(_, there)| *there).map(|(name, _)| name).collect()
+        flags.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name).collect()
     }
 
-    /// Says the notes on a job, or refuses it for them.
-    fn note(&self, notes: &Report, log: Log) -> Result<(), Failure> {
-        if self.strict && !notes.at_least(Severity::Note).is_empty() {
+    /// Prints the notes on a job. With `--strict`, fails if there are any.
+    fn report_notes(&self, notes: &Report, log: Log) -> Result<(), Failure> {
+        if self.strict && !notes.filter_by_severity(Severity::Note).is_empty() {
             let why = "--strict treats notes and warnings as errors: change the job, or leave --strict out";
-            return Err(notes.at_least(Severity::Note).as_errors(why).into());
+            return Err(notes.filter_by_severity(Severity::Note).to_errors(why).into());
         }
         if self.verbose {
-            log.all_notes(notes)
+            log.print_all_notes(notes)
         } else {
-            log.notes(notes)
+            log.print_notes(notes)
         }
         Ok(())
     }
 
-    fn overrides(&self) -> Overrides {
-        Overrides::of_flags(self.samples, self.seed, self.fidelity, self.all_effects, &self.set)
+    fn to_overrides(&self) -> Overrides {
+        Overrides::from_flags(self.samples, self.seed, self.fidelity, self.all_effects, &self.set)
     }
 }
 
-/// Which part of a dataset is made, where, and by how many threads.
+/// Which part of a dataset is made, where, and on how many threads.
 #[derive(Clone, Debug, Args)]
 struct Extent {
     /// Folder of the dataset, or its address in a store (s3://, gs://, az://, file://) [default: out/NAME]
-    #[arg(short, long, value_name = "DIR", value_parser = store::output())]
+    #[arg(short, long, value_name = "DIR", value_parser = store::output_path_parser())]
     out: Option<PathBuf>,
     /// Threads [default: all cores]
-    #[arg(short = 'j', long, value_name = "T", value_parser = guesses::whole::<usize>)]
+    #[arg(short = 'j', long, value_name = "T", value_parser = guesses::parse_whole_number::<usize>)]
     threads: Option<usize>,
     /// Only the shards A to B - 1, counted over train, then val, then test
     #[arg(long, value_name = "A..B", value_parser = parse_range, conflicts_with = "partition")]
@@ -259,20 +260,20 @@ struct Extent {
     partition: Option<(u64, u64)>,
 }
 
-/// Beyond this, threads only take memory from each other.
-pub const MOST_THREADS: usize = 1024;
+/// Largest number of threads: more only take memory from each other.
+pub const MAX_THREADS: usize = 1024;
 
 impl Extent {
-    fn threads(&self) -> Result<Option<usize>, Failure> {
-        checked_threads(self.threads)
+    fn thread_count(&self) -> Result<Option<usize>, Failure> {
+        check_thread_count(self.threads)
     }
 
-    fn root(&self, plan: &Plan) -> PathBuf {
+    fn dataset_root(&self, plan: &Plan) -> PathBuf {
         self.out.clone().unwrap_or_else(|| plan.default_output())
     }
 
-    /// The shards asked for, of `count`; none if all are.
-    fn shards(&self, count: u64) -> Result<Option<Range<u64>>, Failure> {
+    /// Returns the shards asked for, of `count`; `None` for all.
+    fn shard_range(&self, count: u64) -> Result<Option<Range<u64>>, Failure> {
         if let Some(range) = &self.shards
             && range.end > count
         {
@@ -280,6 +281,7 @@ impl Extent {
             return Err(user_error(message, format!("shards are numbered 0..{count}")).into());
         }
         let part = |(i, n): (u64, u64)| {
+            // In 128 bits, because the product may be larger than a u64.
             let cut = |i: u64| (u128::from(count) * u128::from(i) / u128::from(n)) as u64;
             cut(i)..cut(i + 1)
         };
@@ -287,12 +289,12 @@ impl Extent {
     }
 }
 
-/// A number of threads that a machine may have.
-fn checked_threads(threads: Option<usize>) -> Result<Option<usize>, Failure> {
+/// Checks that a machine may have this number of threads.
+fn check_thread_count(threads: Option<usize>) -> Result<Option<usize>, Failure> {
     match threads {
         Some(0) => Err(user_error("--threads 0 cannot work", "give 1 or more, or leave it out for all cores").into()),
-        Some(threads) if threads > MOST_THREADS => {
-            let help = format!("give at most {MOST_THREADS}, or leave it out for all cores");
+        Some(threads) if threads > MAX_THREADS => {
+            let help = format!("give at most {MAX_THREADS}, or leave it out for all cores");
             Err(user_error(format!("--threads {threads} are more than any machine has cores"), help).into())
         }
         threads => Ok(threads),
@@ -315,27 +317,27 @@ fn parse_partition(text: &str) -> Result<(u64, u64), String> {
     }
 }
 
-/// Prints a result on standard output. Who reads it may have had enough, as `head` has: that is no failure.
-fn print(text: &str) -> Result<(), Failure> {
+/// Prints a result on standard output. A reader that closes it early, as `head` does, is no failure.
+fn print_result(text: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    let text = terminal::fold(&visible(text), terminal::output().columns).into_owned();
+    let text = terminal::fold_lines(&escape_hidden_chars(text), terminal::stdout_display().columns).into_owned();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-            Err(Failure::running(format!("standard output: {error}")))
+            Err(Failure::runtime(format!("standard output: {error}")))
         }
         _ => Ok(()),
     }
 }
 
-/// Takes the name of a unit of length.
-fn unit_of_length() -> impl TypedValueParser<Value = Unit> {
-    let values = Unit::ALL.map(|unit| PossibleValue::new(unit.name()).help(unit.in_words()));
+/// Parses the name of a unit of length.
+fn length_unit_parser() -> impl TypedValueParser<Value = Unit> {
+    let values = Unit::ALL.map(|unit| PossibleValue::new(unit.name()).help(unit.plural_name()));
     PossibleValuesParser::new(values)
         .map(|name| Unit::ALL.into_iter().find(|unit| unit.name() == name).expect("one of the possible values"))
 }
 
-/// Takes the name of a fidelity level.
-fn fidelity_level() -> impl TypedValueParser<Value = Fidelity> {
+/// Parses the name of a fidelity level.
+fn fidelity_level_parser() -> impl TypedValueParser<Value = Fidelity> {
     let values = Fidelity::ALL.map(|level| PossibleValue::new(level.name()).help(level.summary()));
     PossibleValuesParser::new(values).map(|name| Fidelity::named(&name).expect("one of the possible values"))
 }

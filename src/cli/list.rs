@@ -1,9 +1,9 @@
-//! `gelsim list`
+//! `gelsim list`: lists presets, fidelity levels, effects, layers and meshes.
 
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{Failure, print};
+use super::{Failure, print_result};
 use gelsim_core::base::gel::{GelCapsule, GelDome};
 use gelsim_core::effects::Effect;
 use gelsim_core::fidelity::Fidelity;
@@ -63,27 +63,29 @@ pub struct List {
 enum What {
     /// Sensor presets with their main values
     Sensors,
-    /// Fidelity levels and what they choose
+    /// Fidelity levels and the models that they use
     #[value(alias = "rungs")]
     Levels,
     /// Effects and what enables them
     Effects,
-    /// Layers that a sample may have beside its tactile image
+    /// Layers that a sample may have besides its tactile image
     Layers,
     /// Meshes in the project's `objects` folder
     Objects,
 }
 
-/// What is listed: a line of text, and the same for programs.
-type Row = (String, Value);
+/// One item of a list: a line of text, and a JSON value.
+type ListRow = (String, Value);
 
 impl List {
     pub(super) fn run(self) -> Result<(), Failure> {
         let rows = match self.what {
-            What::Sensors => PRESETS.into_iter().map(sensor).collect::<Result<Vec<Row>, Failure>>()?,
-            What::Levels => Fidelity::ALL.into_iter().map(level).collect::<Result<Vec<Row>, Failure>>()?,
-            What::Effects => Effect::ALL.into_iter().map(|effect| row(13, effect.name(), effect.summary())).collect(),
-            What::Layers => OutputLayer::ALL.into_iter().map(layer).collect(),
+            What::Sensors => PRESETS.into_iter().map(sensor_row).collect::<Result<Vec<ListRow>, Failure>>()?,
+            What::Levels => Fidelity::ALL.into_iter().map(fidelity_row).collect::<Result<Vec<ListRow>, Failure>>()?,
+            What::Effects => {
+                Effect::ALL.into_iter().map(|effect| format_row(13, effect.name(), effect.summary())).collect()
+            }
+            What::Layers => OutputLayer::ALL.into_iter().map(layer_row).collect(),
             What::Objects => OBJECTS
                 .iter()
                 .map(|name| format!("objects/{name}.obj"))
@@ -91,16 +93,20 @@ impl List {
                 .collect(),
         };
         let (lines, values): (Vec<String>, Vec<Value>) = rows.into_iter().unzip();
-        if self.json { print(&format!("{:#}\n", Value::Array(values))) } else { print(&(lines.join("\n") + "\n")) }
+        if self.json {
+            print_result(&format!("{:#}\n", Value::Array(values)))
+        } else {
+            print_result(&(lines.join("\n") + "\n"))
+        }
     }
 }
 
-fn row(width: usize, name: &str, summary: &str) -> Row {
+fn format_row(width: usize, name: &str, summary: &str) -> ListRow {
     (format!("{name:<width$}  {summary}"), json!({ "name": name, "summary": summary }))
 }
 
-fn sensor((name, text): (&str, &str)) -> Result<Row, Failure> {
-    let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::running(error.to_string()))?;
+fn sensor_row((name, text): (&str, &str)) -> Result<ListRow, Failure> {
+    let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::runtime(error.to_string()))?;
     let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
     let size = match &sensor.shape {
         None => format!("{x} x {y} mm"),
@@ -111,7 +117,7 @@ fn sensor((name, text): (&str, &str)) -> Result<Row, Failure> {
         Some(SensorShape::Mesh(mesh)) => format!("shaped as {}", mesh.path),
     };
     let lights = match (&sensor.pins, sensor.lamp.len()) {
-        (Some(pins), _) => format!("{} pins", pins.pins().at_mm.len()),
+        (Some(pins), _) => format!("{} pins", pins.to_pins().at_mm.len()),
         (None, 0) => format!("{} LEDs", sensor.led.len()),
         (None, lamps) => format!("{lamps} lamps"),
     };
@@ -132,27 +138,27 @@ fn sensor((name, text): (&str, &str)) -> Result<Row, Failure> {
     Ok((line, value))
 }
 
-fn level(level: Fidelity) -> Result<Row, Failure> {
-    let failed = |error: serde_json::Error| Failure::running(error.to_string());
+fn fidelity_row(level: Fidelity) -> Result<ListRow, Failure> {
+    let failed = |error: serde_json::Error| Failure::runtime(error.to_string());
     let (led, calibrated) = (level.models(LightSource::Leds), level.models(LightSource::Calibration));
     let gelpad = serde_json::to_value(&led.gelpad).map_err(failed)?;
     let optics = serde_json::to_value(&led.optics).map_err(failed)?;
-    let measured = serde_json::to_value(&calibrated.optics).map_err(failed)?;
+    let with_calibration = serde_json::to_value(&calibrated.optics).map_err(failed)?;
     let name = level.name();
     let line = format!(
-        "{name:<9}  {}\n{:<9}  gelpad: {}\n{:<9}  optics: {}; where light was measured, {}",
+        "{name:<9}  {}\n{:<9}  gelpad: {}\n{:<9}  optics: {}; with a calibration, {}",
         level.summary(),
         "",
         describe_value(&gelpad),
         "",
         describe_value(&optics),
-        describe_value(&measured),
+        describe_value(&with_calibration),
     );
-    let value = json!({ "name": name, "summary": level.summary(), "gelpad": gelpad, "optics": optics, "optics_where_measured": measured });
+    let value = json!({ "name": name, "summary": level.summary(), "gelpad": gelpad, "optics": optics, "optics_where_measured": with_calibration });
     Ok((line, value))
 }
 
-/// A model and its parameters in words: `elastic, resolution half, tolerance_um 1`.
+/// Formats a model and its parameters: `elastic, resolution half, tolerance_um 1`.
 fn describe_value(value: &Value) -> String {
     match value {
         Value::Object(fields) => {
@@ -170,7 +176,7 @@ fn describe_value(value: &Value) -> String {
     }
 }
 
-fn layer(layer: OutputLayer) -> Row {
+fn layer_row(layer: OutputLayer) -> ListRow {
     let (unit, meaning) = (layer.spec().unit, layer.spec().meaning);
     let line = match unit {
         Some(unit) => format!("{:<10}  {meaning}, {unit}", layer.name()),

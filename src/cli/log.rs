@@ -1,12 +1,12 @@
-//! How a command says on standard error what it does: in words for people, as one JSON object a line for pipelines, or
-//! not at all. Errors are always said.
+//! Messages of a command on standard error: words for people, one JSON object a line for pipelines, or none. Errors are
+//! always printed.
 
 use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::Failure;
-use super::terminal::{self, say, say_shown};
-use gelsim_files::diagnostic::{Diagnostic, Display, Report};
+use super::terminal::{self, print_as_is, print_to_stderr};
+use gelsim_files::diagnostic::{Diagnostic, DisplayOptions, Report};
 
 /// Form of the messages on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -18,67 +18,71 @@ pub(super) enum Format {
     Json,
 }
 
-/// Who listens, and in which form.
+/// Prints the messages of a command.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Log {
-    /// Form of what is said.
+    /// Form of the messages.
     pub format: Format,
-    /// Only errors are.
+    /// Whether only errors are printed.
     pub quiet: bool,
 }
 
 impl Log {
-    /// In words, unless `quiet`.
-    pub fn text(quiet: bool) -> Self {
+    /// Creates a log in words, unless `quiet`.
+    pub fn plain_text(quiet: bool) -> Self {
         Self { format: Format::Text, quiet }
     }
 
-    /// Something the user should know that is no mistake.
-    pub fn note(self, message: &str) {
-        self.notes(&Diagnostic::note(message).into());
+    /// Prints something that the user should know and that is no mistake.
+    pub fn print_note(self, message: &str) {
+        self.print_notes(&Diagnostic::note(message).into());
     }
 
-    /// What the user should act on that is no mistake, and what can be had otherwise.
-    pub fn notes(self, notes: &Report) {
-        self.all_notes(&notes.worth_showing());
+    /// Prints the notes that are worth showing: those that the user can act on.
+    pub fn print_notes(self, notes: &Report) {
+        self.print_all_notes(&notes.worth_showing());
     }
 
-    /// The same, and what needs nothing done.
-    pub fn all_notes(self, notes: &Report) {
+    /// Prints all notes, also those that need no action.
+    pub fn print_all_notes(self, notes: &Report) {
         if self.quiet {
             return;
         }
         match self.format {
-            Format::Text => notes.paragraphs(terminal::errors()).for_each(|paragraph| say_shown(&paragraph)),
+            Format::Text => {
+                notes.render_paragraphs(terminal::stderr_display()).for_each(|paragraph| print_as_is(&paragraph))
+            }
             Format::Json => {
                 for note in notes.problems() {
-                    let fields = json!({ "message": note.text(), "help": note.help, "place": notes.place(note) });
-                    self.event(note.severity.name(), fields);
+                    let fields =
+                        json!({ "message": note.full_message(), "help": note.help, "place": notes.format_place(note) });
+                    self.write_event(note.severity.name(), fields);
                 }
             }
         }
     }
 
-    /// Something that happened, for pipelines: `fields` are an object.
-    pub fn event(self, name: &str, fields: Value) {
+    /// Writes an event for pipelines: `fields` must be an object. Does nothing in words.
+    pub fn write_event(self, name: &str, fields: Value) {
         if self.format == Format::Json && !self.quiet {
-            say(&line(name, fields));
+            print_to_stderr(&format_event(name, fields));
         }
     }
 
-    /// Says why the command failed, where the form is not the one in which the program itself says it.
-    pub fn failed(self, failure: Failure) -> Failure {
-        match (self.format, failure.text(Display::PLAIN)) {
+    /// Prints why the command failed, if the form is JSON. In words it returns the failure as it is: the program prints
+    /// it at its end.
+    pub fn report_failure(self, failure: Failure) -> Failure {
+        match (self.format, failure.to_text(DisplayOptions::PLAIN)) {
             (Format::Json, Some(message)) => {
-                say(&line("error", json!({ "status": failure.status, "message": message })));
-                Failure::reported(failure.status)
+                print_to_stderr(&format_event("error", json!({ "status": failure.status, "message": message })));
+                Failure::already_reported(failure.status)
             }
             _ => failure,
         }
     }
 }
 
-fn line(name: &str, fields: Value) -> String {
+fn format_event(name: &str, fields: Value) -> String {
     let mut event = json!({ "event": name });
     if let (Some(event), Value::Object(fields)) = (event.as_object_mut(), fields) {
         event.extend(fields);

@@ -1,4 +1,4 @@
-//! Long work on a thread of its own, while its progress is shown and signals can stop it.
+//! Long work on a thread of its own, with a display of its progress, which signals can stop.
 
 use std::io;
 use std::sync::Arc;
@@ -8,21 +8,25 @@ use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 
 use super::log::Log;
 use super::progress::Progress;
-use super::{Failure, no_threads};
-use gelsim_dataset::generate::Watch;
+use super::{Failure, threads_failure};
+use gelsim_dataset::generate::RunMonitor;
 
-/// Does the work, which looks at the watch. Its result, and the signal that came; 0 if none did.
-pub(super) fn long_run<T: Send>(log: Log, work: impl FnOnce(&Watch) -> T + Send) -> Result<(T, usize), Failure> {
-    let watch = Arc::new(Watch::default());
-    let signal = raise_on_signals(&watch)
-        .map_err(|error| Failure::denied(&format!("cannot watch for signals: {error}"), &error, "nothing was begun"))?;
+/// Runs `work`, which watches the monitor's stop flag. Returns its result, and the signal that came; 0 if none did.
+pub(super) fn run_interruptible<T: Send>(
+    log: Log,
+    work: impl FnOnce(&RunMonitor) -> T + Send,
+) -> Result<(T, usize), Failure> {
+    let watch = Arc::new(RunMonitor::default());
+    let signal = stop_on_signals(&watch).map_err(|error| {
+        Failure::access_denied(&format!("cannot watch for signals: {error}"), &error, "nothing was begun")
+    })?;
     let result = std::thread::scope(|scope| {
         let worker = std::thread::Builder::new().spawn_scoped(scope, || work(&watch));
-        let worker = worker.map_err(|error| no_threads(&error))?;
+        let worker = worker.map_err(|error| threads_failure(&error))?;
         let mut progress = Progress::new(log);
         while !worker.is_finished() {
             progress.show(&watch);
-            std::thread::sleep(progress.pause());
+            std::thread::sleep(progress.time_to_update());
         }
         progress.show(&watch);
         progress.end();
@@ -32,9 +36,10 @@ pub(super) fn long_run<T: Send>(log: Log, work: impl FnOnce(&Watch) -> T + Send)
     Ok((result, signal.load(Ordering::Relaxed)))
 }
 
-/// Raises the watch's stop flag on SIGINT and SIGTERM and notes which it was; a second one ends the process at once.
-/// SIGXFSZ ends nothing: a file beyond a limit of the user's is an error where it is written.
-fn raise_on_signals(watch: &Arc<Watch>) -> io::Result<Arc<AtomicUsize>> {
+/// Sets the monitor's stop flag on SIGINT and SIGTERM and records which signal it was; a second one ends the process at
+/// once. SIGXFSZ is caught so that a file above the user's limit is an error where it is written, not the end of the
+/// process.
+fn stop_on_signals(watch: &Arc<RunMonitor>) -> io::Result<Arc<AtomicUsize>> {
     let seen = Arc::new(AtomicUsize::new(0));
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;

@@ -1,4 +1,4 @@
-//! `gelsim plan`
+//! `gelsim plan`: forecasts effects, time and size of a run by rendering some samples.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -7,18 +7,18 @@ use std::time::Instant;
 use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount, HumanDuration};
 
-use super::store::address;
-use super::{Extent, Failure, JobOverrides, Log, print, settle_fidelity};
+use super::store::parse_address;
+use super::{Extent, Failure, JobOverrides, Log, print_result, settle_fidelity};
 use gelsim_core::effects::Effect;
 use gelsim_dataset::folder::recorded_fidelity;
-use gelsim_dataset::forecast::{Forecast, first_draw, forecast};
+use gelsim_dataset::forecast::{Forecast, forecast, probe_first_draw};
 use gelsim_files::diagnostic::{Diagnostic, Report};
 use gelsim_job::config::output::OnUnhealthy;
 use gelsim_job::plan;
-use gelsim_job::probe::foresee;
+use gelsim_job::probe::preview_job;
 
-/// Say what `generate` would do: which effects the samples call for and why, what they take, how long the run lasts and
-/// how large it gets. Renders some samples to find out, and writes nothing.
+/// Show what `generate` would do: which effects the samples enable and why, what they cost, how long the run takes and
+/// how large the dataset gets. Renders some samples to find out, and writes nothing.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -32,45 +32,46 @@ pub struct Plan {
     overrides: JobOverrides,
     #[command(flatten)]
     extent: Extent,
-    /// Print nothing but the forecast and errors
+    /// Print only the forecast and errors
     #[arg(short, long)]
     quiet: bool,
 }
 
 impl Plan {
     pub(super) fn run(self) -> Result<(), Failure> {
-        let threads = self.extent.threads()?;
+        let threads = self.extent.thread_count()?;
         let start = Instant::now();
-        let plan = plan::Plan::load(&self.job, &self.overrides.overrides())?;
+        let plan = plan::Plan::load(&self.job, &self.overrides.to_overrides())?;
         let load_s = start.elapsed().as_secs_f64();
-        let foreseen = foresee(&plan);
-        self.overrides.note(&foreseen.notes, Log::text(self.quiet))?;
-        let root = self.extent.root(&plan);
-        let store = address(&root)?;
-        let plan = settle_fidelity(plan, recorded_fidelity(&root), Log::text(self.quiet))?;
+        let foreseen = preview_job(&plan);
+        self.overrides.report_notes(&foreseen.notes, Log::plain_text(self.quiet))?;
+        let root = self.extent.dataset_root(&plan);
+        let store = parse_address(&root)?;
+        let plan = settle_fidelity(plan, recorded_fidelity(&root), Log::plain_text(self.quiet))?;
         let count = plan.layout.shard_count();
-        let shards = self.extent.shards(count)?.unwrap_or(0..count);
+        let shards = self.extent.shard_range(count)?.unwrap_or(0..count);
         let samples = shards.clone().map(|number| plan.layout.shard(number).samples).sum();
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let forecast = forecast(&plan, samples, shards.end - shards.start, threads.unwrap_or(cores));
-        let forecast = forecast.map_err(|error| Failure::running(error.to_string()))?;
-        if !foreseen.misses {
-            let missed = forecast.contacts.missed(&plan, |plan, index| first_draw(plan, index).in_contact);
+        let forecast = forecast.map_err(|error| Failure::runtime(error.to_string()))?;
+        if !foreseen.may_miss {
+            let missed =
+                forecast.contacts.note_missed_contacts(&plan, |plan, index| probe_first_draw(plan, index).in_contact);
             let missed = missed.map_or_else(Report::default, Report::from);
-            self.overrides.note(&missed, Log::text(self.quiet))?;
+            self.overrides.report_notes(&missed, Log::plain_text(self.quiet))?;
         }
         let rejected = warn_of_rejections(&plan, &forecast).map_or_else(Report::default, Report::from);
-        self.overrides.note(&rejected, Log::text(self.quiet))?;
-        let mut text = heading(&plan, &forecast);
+        self.overrides.report_notes(&rejected, Log::plain_text(self.quiet))?;
+        let mut text = format_heading(&plan, &forecast);
         text += &plan.pressed_sides().map_or_else(String::new, |sides| format!("{sides}\n\n"));
-        text += &effects(&forecast);
-        text += &stages(&forecast);
-        text += &totals(&forecast, load_s, &root, if store.is_some() { None } else { free_bytes(&root) });
-        print(&text)
+        text += &format_effects(&forecast);
+        text += &format_stages(&forecast);
+        text += &format_totals(&forecast, load_s, &root, if store.is_some() { None } else { free_bytes(&root) });
+        print_result(&text)
     }
 }
 
-/// That most of what is drawn is thrown away, if it is.
+/// Warns if most of the draws are rejected.
 fn warn_of_rejections(plan: &plan::Plan, forecast: &Forecast) -> Option<Diagnostic> {
     let (ill, all) = (forecast.unhealthy, forecast.probed);
     (plan.output().on_unhealthy == OnUnhealthy::Reject && 2 * ill > all).then(|| {
@@ -78,12 +79,13 @@ fn warn_of_rejections(plan: &plan::Plan, forecast: &Forecast) -> Option<Diagnost
             "{ill} of {all} samples that were tried are not healthy, and on_unhealthy = \"reject\" draws them again"
         );
         let help =
-            "write on_unhealthy = \"keep\" under [output] to see in the labels what is wrong (`health`), and mend that";
+            "write on_unhealthy = \"keep\" under [output] to see in the labels what is wrong (`health`), and fix that";
         Diagnostic::warning(message).help(help)
     })
 }
 
-fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
+/// Formats what is generated, and what was probed to forecast it.
+fn format_heading(plan: &plan::Plan, forecast: &Forecast) -> String {
     let [width, height] = plan.simulator.view().resolution_px;
     format!(
         "{}: {} samples of {width}x{height} px in {} shard{}; fidelity {}, gelpad {}, optics {}\n\
@@ -101,14 +103,14 @@ fn heading(plan: &plan::Plan, forecast: &Forecast) -> String {
         forecast.in_contact,
         match forecast.unhealthy {
             0 => String::new(),
-            ill => format!("; {ill} not healthy (docs/stability.md)"),
+            ill => format!("; {ill} not healthy (docs/evidence/stability.md)"),
         },
     )
 }
 
 /// One line per effect: how often it ran, its fraction of the time, and the reasons, most frequent first.
-fn effects(forecast: &Forecast) -> String {
-    let mut text = format!("{:<13} {:>10} {:>7}  {}\n", "effect", "called for", "time", "why");
+fn format_effects(forecast: &Forecast) -> String {
+    let mut text = format!("{:<13} {:>10} {:>7}  {}\n", "effect", "enabled", "time", "why");
     let all = total_s(forecast);
     for effect in Effect::ALL {
         let probed = &forecast.effects[effect];
@@ -119,35 +121,40 @@ fn effects(forecast: &Forecast) -> String {
         let why: Vec<String> = reasons.iter().map(named).collect();
         let fraction = match (effect, probed.ran) {
             (_, 0) => String::from("-"),
-            // Computed in the same loop.
+            // Darkening is part of the loop of shading, so it has no time of its own.
             (Effect::Darkening, _) => String::from("shading"),
-            _ => percent(probed.seconds / all),
+            _ => format_percent(probed.seconds / all),
         };
-        let called = format!("{} / {}", probed.ran, forecast.probed);
-        let _ = writeln!(text, "{:<13} {called:>10} {fraction:>7}  {}", effect.name(), why.join("; "));
+        let enabled = format!("{} / {}", probed.ran, forecast.probed);
+        let _ = writeln!(text, "{:<13} {enabled:>10} {fraction:>7}  {}", effect.name(), why.join("; "));
     }
     text
 }
 
-/// One line per stage.
-fn stages(forecast: &Forecast) -> String {
+/// Formats one line per stage: CPU time of a sample, and fraction of all.
+fn format_stages(forecast: &Forecast) -> String {
     let mut text = format!("\n{:<13} {:>10} {:>7}\n", "stage", "CPU ms", "time");
     let (s, all) = (&forecast.seconds, total_s(forecast));
     let stages = s.stages().into_iter().chain([("write", forecast.write_s), ("all", all)]);
     for (name, seconds) in stages {
-        let _ = writeln!(text, "{name:<13} {:>10.2} {:>7}", 1e3 * seconds, percent(seconds / all));
+        let _ = writeln!(text, "{name:<13} {:>10.2} {:>7}", 1e3 * seconds, format_percent(seconds / all));
     }
     text
 }
 
-fn totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64>) -> String {
+/// Formats time and size of the run, and the space that is free for it.
+fn format_totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64>) -> String {
     let bytes = forecast.bytes as u64;
     let mut text = format!(
         "\ntime   {} on {} thread{}{}: {:.1} samples/s\nsize   {} in {} shard{}",
         HumanDuration(load_s + forecast.wall_s),
         forecast.threads,
         if forecast.threads == 1 { "" } else { "s" },
-        if load_s < SOON_S { String::new() } else { format!(", {} of it to load the job", HumanDuration(load_s)) },
+        if load_s < NEGLIGIBLE_LOAD_S {
+            String::new()
+        } else {
+            format!(", {} of it to load the job", HumanDuration(load_s))
+        },
         forecast.samples as f64 / forecast.wall_s.max(1e-9),
         HumanBytes(bytes),
         HumanCount(forecast.shards),
@@ -165,21 +172,22 @@ fn totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64>) -> S
     text + "\n"
 }
 
-/// Time to load a job that is not worth a word, s.
-const SOON_S: f64 = 0.1;
+/// Time to load a job below which it is not mentioned, s.
+const NEGLIGIBLE_LOAD_S: f64 = 0.1;
 
+/// CPU time of a sample in all stages, s.
 fn total_s(forecast: &Forecast) -> f64 {
     forecast.seconds.simulation() + forecast.seconds.encode + forecast.write_s
 }
 
-fn percent(fraction: f64) -> String {
+fn format_percent(fraction: f64) -> String {
     format!("{:.1} %", 100.0 * fraction)
 }
 
-/// Bytes that are free where `root` is or would be made, if the system says so.
+/// Returns the bytes that are free where `root` is or would be made; `None` if the system does not say.
 fn free_bytes(root: &Path) -> Option<u64> {
     let root = std::path::absolute(root).ok()?;
-    let there = root.ancestors().find(|folder| folder.exists())?;
-    let space = rustix::fs::statvfs(there).ok()?;
+    let existing = root.ancestors().find(|folder| folder.exists())?;
+    let space = rustix::fs::statvfs(existing).ok()?;
     Some(space.f_bavail * space.f_frsize)
 }

@@ -1,4 +1,4 @@
-//! `gelsim preview`
+//! `gelsim preview`: draws samples of a dataset or of a job.
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -8,26 +8,26 @@ use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use rayon::prelude::*;
 
-use super::guesses::whole;
-use super::store::{folder_only, local_output};
+use super::guesses::parse_whole_number;
+use super::store::{local_path_parser, require_local_folder};
 use super::{Failure, JobOverrides, Log, output_file, settle_fidelity};
 use gelsim_core::effects::Effect;
-use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_files::diagnostic::{Diagnostic, user_error};
 use gelsim_files::png::encode_small;
-use gelsim_files::spelling::{nearest, shell_word};
+use gelsim_files::spelling::{find_nearest_name, quote_for_shell};
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::plan::Plan;
-use gelsim_job::probe::foresee;
-use gelsim_lab::preview::choice::{Choice, choose};
-use gelsim_lab::preview::effects::{self, EffectComparison, compare};
-use gelsim_lab::preview::film::animation;
+use gelsim_job::probe::preview_job;
+use gelsim_lab::preview::choice::{SampleChoice, choose_spread_samples};
+use gelsim_lab::preview::effects::{self, EffectComparison, compare_effect_images};
+use gelsim_lab::preview::film::encode_animation;
 use gelsim_lab::preview::panel::has_picture;
-use gelsim_lab::preview::{LayerSelection, Tile, sample_files, sheet};
+use gelsim_lab::preview::{LayerSelection, Tile, draw_tile_sheet, make_sample_files};
 
-/// Draw a contact sheet: tactile image, depth and (where there is one) contact, or the layers that are named, with class, depth and
-/// split under each; of a dataset every split and class as often as it is there. Or show what each effect changes in a job's
-/// samples.
+/// Draw a contact sheet: tactile image, depth and contact mask, or the layers that are named, with class, depth and
+/// split below each. Of a dataset, every split and class has its share of the sheet. Or show what each effect changes
+/// in a job's samples.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -41,136 +41,139 @@ pub struct Preview {
     #[arg(value_name = "DIR|JOB.toml")]
     source: PathBuf,
     /// The picture to write: PNG, or JPEG if its name ends in .jpg
-    #[arg(short, long, value_name = "FILE.png", value_parser = local_output())]
+    #[arg(short, long, value_name = "FILE.png", value_parser = local_path_parser())]
     out: PathBuf,
-    /// Only this sample, at full size unless --panel says otherwise
-    #[arg(long, value_name = "K", value_parser = whole::<u64>)]
+    /// Draw only this sample, at full size unless --panel says otherwise
+    #[arg(long, value_name = "K", value_parser = parse_whole_number::<u64>)]
     key: Option<u64>,
-    /// What is shown beside the tactile image, of a sequence below it: layers that a dataset has, or any of a job [default: depth,
-    /// contact; of sequences none]
-    #[arg(long, value_name = "LAYER,..", value_delimiter = ',', value_parser = layer)]
+    /// Layers to show beside the tactile image, or below it for a sequence: those of a dataset, or any of a job
+    /// [default: depth, contact; none for sequences]
+    #[arg(long, value_name = "LAYER,..", value_delimiter = ',', value_parser = parse_layer)]
     layers: Vec<OutputLayer>,
-    /// For each effect that a job's samples call for, one of them with the effect, without it, and the difference
+    /// For each effect that a job's samples enable, show one of them with the effect, without it, and the difference
     #[arg(long, conflicts_with_all = ["count", "columns", "layers"])]
     effects: bool,
-    /// An animated PNG of the frames of the sequence that --key names
+    /// Write an animated PNG of the frames of the sequence that --key names
     #[arg(long, requires = "key", conflicts_with_all = ["effects", "count", "columns", "panel", "layers"])]
     apng: bool,
     /// How many samples the sheet shows
-    #[arg(long, value_name = "N", default_value_t = 12, value_parser = whole::<u64>)]
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = parse_whole_number::<u64>)]
     count: u64,
     /// Width of one panel of the sheet, px [default: 240; of effects 658; with --key full size]
-    #[arg(long, value_name = "PX", value_parser = whole::<u32>)]
+    #[arg(long, value_name = "PX", value_parser = parse_whole_number::<u32>)]
     panel: Option<u32>,
     /// Columns of the sheet
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = whole::<usize>)]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = parse_whole_number::<usize>)]
     columns: usize,
     #[command(flatten)]
     overrides: JobOverrides,
 }
 
-/// Endings of pictures' names; the first one also that of films.
+/// Endings of pictures' names; an animation has the first one.
 const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 impl Preview {
     pub(super) fn run(self) -> Result<(), Failure> {
-        folder_only(&self.source, "preview")?;
+        require_local_folder(&self.source, "preview")?;
         let (endings, example) = if self.apng { (&ENDINGS[..1], "film.png") } else { (&ENDINGS[..], "sheet.png") };
-        output_file::check(&self.out, endings, example)?;
+        output_file::check_output_path(&self.out, endings, example)?;
         let panel = |default: u32| self.panel.unwrap_or(default).max(1);
         if self.effects {
-            return write(&self.out, &effects::sheet(&self.comparisons()?, panel(effects::PANEL)));
+            return write_picture(
+                &self.out,
+                &effects::draw_effect_sheet(&self.compare_effects()?, panel(effects::WIDEST_PANEL)),
+            );
         }
         if self.apng {
-            return self.animated();
+            return self.write_animation();
         }
-        let tiles = if self.source.is_dir() { self.dataset_tiles()? } else { self.job_tiles()? };
+        let tiles = if self.source.is_dir() { self.read_dataset_tiles()? } else { self.render_job_tiles()? };
         let picture = match self.key {
-            Some(_) => sheet(&tiles, 1, panel(u32::MAX)),
-            None => sheet(&tiles, self.columns, panel(240)),
+            Some(_) => draw_tile_sheet(&tiles, 1, panel(u32::MAX)),
+            None => draw_tile_sheet(&tiles, self.columns, panel(240)),
         };
-        write(&self.out, &picture)
+        write_picture(&self.out, &picture)
     }
 
-    /// Writes the frames of a sequence.
-    fn animated(&self) -> Result<(), Failure> {
+    /// Writes the frames of a sequence as an animated PNG.
+    fn write_animation(&self) -> Result<(), Failure> {
         let key = self.key.unwrap_or_default();
         let still = |what: &str| -> Failure {
             let message = format!("--apng shows a sequence, and {what} none");
             let help = format!(
                 "leave --apng out: gelsim preview {} --key {key} --out {}",
-                shell_word(&self.source),
-                shell_word(&self.out)
+                quote_for_shell(&self.source),
+                quote_for_shell(&self.out)
             );
             user_error(message, help).into()
         };
         let film = if self.source.is_dir() {
-            let dataset = self.dataset()?;
+            let dataset = self.open_dataset()?;
             if dataset.job.sequence.is_none() {
                 return Err(still("the samples of this dataset are"));
             }
-            self.checked_key(key, dataset.layout.samples())?;
-            let film = dataset.sample(key).and_then(|files| animation(&files));
-            film.map_err(|reason| self.unreadable(reason))?
+            self.check_key(key, dataset.layout.sample_count())?;
+            let film = dataset.read_sample(key).and_then(|files| encode_animation(&files));
+            film.map_err(|reason| self.unreadable_failure(reason))?
         } else {
-            let plan = self.plan()?;
+            let plan = self.load_plan()?;
             if plan.job().sequence.is_none() {
                 return Err(still("the samples of this job are"));
             }
-            self.checked_key(key, plan.layout.samples())?;
-            animation(&sample_files(&plan, key)).map_err(Failure::running)?
+            self.check_key(key, plan.layout.sample_count())?;
+            encode_animation(&make_sample_files(&plan, key)).map_err(Failure::runtime)?
         };
-        output_file::write(&self.out, &film.ok_or_else(|| still("this sample is"))?)
+        output_file::write_whole_file(&self.out, &film.ok_or_else(|| still("this sample is"))?)
     }
 
-    fn plan(&self) -> Result<Plan, Failure> {
-        let mut overrides = self.overrides.overrides();
+    fn load_plan(&self) -> Result<Plan, Failure> {
+        let mut overrides = self.overrides.to_overrides();
         if !self.layers.is_empty() {
             let names: Vec<String> = self.layers.iter().map(|layer| format!("\"{}\"", layer.name())).collect();
             overrides.set.push((String::from("--layers"), format!("output.layers = [{}]", names.join(", "))));
         }
-        let plan = settle_fidelity(Plan::load(&self.source, &overrides)?, None, Log::text(false))?;
-        self.overrides.note(&foresee(&plan).notes, Log::text(false))?;
+        let plan = settle_fidelity(Plan::load(&self.source, &overrides)?, None, Log::plain_text(false))?;
+        self.overrides.report_notes(&preview_job(&plan).notes, Log::plain_text(false))?;
         Ok(plan)
     }
 
-    /// The dataset, for which no flag is there that only changes a job.
-    fn dataset(&self) -> Result<Recorded, Failure> {
-        let flags = self.overrides.names();
+    /// Opens the dataset. Fails if there are flags that only change a job.
+    fn open_dataset(&self) -> Result<RecordedDataset, Failure> {
+        let flags = self.overrides.given_flags();
         if !flags.is_empty() {
             let verb = if flags.len() == 1 { "changes" } else { "change" };
             let message = format!("{} {verb} a job, not a dataset that is there", flags.join(", "));
-            let job = shell_word(&self.source.join("job.toml"));
+            let job = quote_for_shell(&self.source.join("job.toml"));
             let help = format!("leave {} out, or preview the dataset's job: {job}", flags.join(", "));
             return Err(user_error(message, help).into());
         }
-        Ok(Recorded::open(&self.source)?)
+        Ok(RecordedDataset::open(&self.source)?)
     }
 
-    /// A file of the dataset is missing or damaged.
-    fn unreadable(&self, reason: String) -> Failure {
-        Failure::running_with(reason, unreadable_help(&self.source))
+    /// Returns the failure of a dataset of which a file is missing or damaged.
+    fn unreadable_failure(&self, reason: String) -> Failure {
+        Failure::runtime_with_help(reason, unreadable_help(&self.source))
     }
 
-    /// What the effects change in the sample asked for, or in the first ones of the job.
-    fn comparisons(&self) -> Result<Vec<EffectComparison>, Failure> {
+    /// Returns what the effects change in the sample asked for, or in the first samples of the job.
+    fn compare_effects(&self) -> Result<Vec<EffectComparison>, Failure> {
         /// Samples that are searched for effects.
         const SEARCHED: u64 = 100;
         if self.source.is_dir() {
-            Recorded::open(&self.source)?;
+            RecordedDataset::open(&self.source)?;
             let message = format!("--effects renders a job's samples anew, and {} is a dataset", self.source.display());
-            let (job, out) = (shell_word(&self.source.join("job.toml")), shell_word(&self.out));
+            let (job, out) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(&self.out));
             let help = format!("preview the job that it was made by: gelsim preview {job} --effects --out {out}");
             return Err(user_error(message, help).into());
         }
-        let plan = self.plan()?;
-        plan.of_presses("--effects")?;
-        let samples = plan.layout.samples();
+        let plan = self.load_plan()?;
+        plan.require_single_presses("--effects")?;
+        let samples = plan.layout.sample_count();
         let indices = match self.key {
-            Some(key) => vec![self.checked_key(key, samples)?],
+            Some(key) => vec![self.check_key(key, samples)?],
             None => (0..samples.min(SEARCHED)).collect(),
         };
-        let found = compare(&plan, &indices);
+        let found = compare_effect_images(&plan, &indices);
         let missing = Effect::ALL.into_iter().filter(|effect| found.iter().all(|row| row.effect != *effect));
         let names: Vec<&str> = missing.map(Effect::name).collect();
         let of = match indices.as_slice() {
@@ -178,44 +181,43 @@ impl Preview {
             several => format!("samples 0 to {}", several.len() - 1),
         };
         if found.is_empty() {
-            return Err(
-                user_error(format!("{of}: no effect is called for"), "preview the job without --effects").into()
-            );
+            return Err(user_error(format!("{of}: no effect is enabled"), "preview the job without --effects").into());
         }
         if !names.is_empty() {
-            Log::text(false).note(&format!("{of}: not called for are {}", names.join(", ")));
+            Log::plain_text(false).print_note(&format!("{of}: not enabled: {}", names.join(", ")));
         }
         Ok(found)
     }
 
-    /// The samples of a job: the one asked for, or the first ones.
-    fn job_tiles(&self) -> Result<Vec<Tile>, Failure> {
-        let plan = self.plan()?;
-        let samples = plan.layout.samples();
+    /// Renders samples of a job: the one asked for, or the first ones.
+    fn render_job_tiles(&self) -> Result<Vec<Tile>, Failure> {
+        let plan = self.load_plan()?;
+        let samples = plan.layout.sample_count();
         let indices = match self.key {
-            Some(key) => vec![self.checked_key(key, samples)?],
+            Some(key) => vec![self.check_key(key, samples)?],
             None => (0..self.count.clamp(1, samples.max(1))).collect(),
         };
-        let wanted = self.wanted();
-        Ok(indices.par_iter().map(|&index| Tile::rendered(&plan, index, &wanted)).collect())
+        let wanted = self.layer_selection();
+        Ok(indices.par_iter().map(|&index| Tile::render_sample(&plan, index, &wanted)).collect())
     }
 
-    /// The samples of a dataset: the one asked for, or some of every split and class.
-    fn dataset_tiles(&self) -> Result<Vec<Tile>, Failure> {
-        let dataset = self.dataset()?;
+    /// Reads samples of a dataset: the one asked for, or some of every split and class.
+    fn read_dataset_tiles(&self) -> Result<Vec<Tile>, Failure> {
+        let dataset = self.open_dataset()?;
         self.check_layers(&dataset)?;
         let indices = match self.key {
-            Some(key) => vec![self.checked_key(key, dataset.layout.samples())?],
-            None => self.chosen(&dataset)?,
+            Some(key) => vec![self.check_key(key, dataset.layout.sample_count())?],
+            None => self.choose_samples(&dataset)?,
         };
-        let wanted = self.wanted();
-        let tiles = indices.par_iter().map(|&index| Tile::read(&dataset.sample(index)?, &wanted));
-        tiles.collect::<Result<_, _>>().map_err(|reason: String| self.unreadable(reason))
+        let wanted = self.layer_selection();
+        let tiles = indices.par_iter().map(|&index| Tile::from_files(&dataset.read_sample(index)?, &wanted));
+        tiles.collect::<Result<_, _>>().map_err(|reason: String| self.unreadable_failure(reason))
     }
 
-    fn chosen(&self, dataset: &Recorded) -> Result<Vec<u64>, Failure> {
-        let Choice { samples, missing } =
-            choose(dataset, self.count.max(1)).map_err(|reason| self.unreadable(reason))?;
+    /// Chooses samples of every split and class from the shards that exist, and notes the shards that are missing.
+    fn choose_samples(&self, dataset: &RecordedDataset) -> Result<Vec<u64>, Failure> {
+        let SampleChoice { samples, missing } =
+            choose_spread_samples(dataset, self.count.max(1)).map_err(|reason| self.unreadable_failure(reason))?;
         if let Some(first) = missing.first() {
             let all = dataset.layout.shard_count();
             let message = match missing.len() {
@@ -223,33 +225,33 @@ impl Preview {
                 count => format!("{count} of {all} shards are not there, {} the first of them", first.name()),
             };
             if samples.is_empty() {
-                return Err(self.unreadable(message));
+                return Err(self.unreadable_failure(message));
             }
-            let (job, folder) = (shell_word(&self.source.join("job.toml")), shell_word(&self.source));
+            let (job, folder) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(&self.source));
             let help = format!("gelsim generate {job} --out {folder} makes what is not there");
-            Log::text(false).notes(&Diagnostic::note(message).help(help).into());
+            Log::plain_text(false).print_notes(&Diagnostic::note(message).help(help).into());
         }
         Ok(samples)
     }
 
-    fn wanted(&self) -> LayerSelection {
+    fn layer_selection(&self) -> LayerSelection {
         if self.layers.is_empty() { LayerSelection::Usual } else { LayerSelection::These(self.layers.clone()) }
     }
 
-    /// Refuses layers that a dataset was made without.
-    fn check_layers(&self, dataset: &Recorded) -> Result<(), Failure> {
-        let there = &dataset.job.output.layers;
+    /// Fails if layers are named that the dataset does not have.
+    fn check_layers(&self, dataset: &RecordedDataset) -> Result<(), Failure> {
+        let recorded = &dataset.job.output.layers;
         let missing: Vec<&str> =
-            self.layers.iter().filter(|layer| !there.contains(layer)).map(|layer| layer.name()).collect();
+            self.layers.iter().filter(|layer| !recorded.contains(layer)).map(|layer| layer.name()).collect();
         if missing.is_empty() {
             return Ok(());
         }
         let asked: Vec<&str> = self.layers.iter().map(|layer| layer.name()).collect();
-        let shown: Vec<&str> = there.iter().filter(|layer| has_picture(**layer)).map(|layer| layer.name()).collect();
-        let (job, out) = (shell_word(&self.source.join("job.toml")), shell_word(&self.out));
+        let shown: Vec<&str> = recorded.iter().filter(|layer| has_picture(**layer)).map(|layer| layer.name()).collect();
+        let (job, out) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(&self.out));
         let render = format!("its job renders others: gelsim preview {job} --layers {} --out {out}", asked.join(","));
         let help = if shown.is_empty() {
-            format!("leave --layers out, for there are tactile images alone; {render}")
+            format!("leave --layers out, for the dataset has only tactile images; {render}")
         } else {
             format!("there are --layers {}; {render}", shown.join(","))
         };
@@ -257,8 +259,8 @@ impl Preview {
         Err(user_error(message, help).into())
     }
 
-    /// A sample's number, if there is one of it.
-    fn checked_key(&self, key: u64, samples: u64) -> Result<u64, Failure> {
+    /// Returns a sample's number. Fails if there is no such sample.
+    fn check_key(&self, key: u64, samples: u64) -> Result<u64, Failure> {
         if key < samples {
             return Ok(key);
         }
@@ -267,38 +269,38 @@ impl Preview {
     }
 }
 
-/// What to do where a file of a dataset is missing or damaged.
+/// Returns the advice for a dataset of which a file is missing or damaged.
 pub(super) fn unreadable_help(dataset: &Path) -> String {
-    format!("gelsim verify {} names all that is wrong with the dataset, and what mends it", shell_word(dataset))
+    format!("gelsim verify {} names all that is wrong with the dataset, and how to fix it", quote_for_shell(dataset))
 }
 
-fn layer(name: &str) -> Result<OutputLayer, String> {
+fn parse_layer(name: &str) -> Result<OutputLayer, String> {
     let shown = || OutputLayer::ALL.into_iter().filter(|layer| has_picture(*layer)).map(OutputLayer::name);
     let all = || shown().collect::<Vec<_>>().join(", ");
-    match OutputLayer::named(name) {
+    match OutputLayer::from_name(name) {
         Some(layer) if has_picture(layer) => Ok(layer),
         Some(_) => Err(format!("it has no picture; those that have one are {}", all())),
         None if name == "tactile" => Err(String::from("the tactile image is shown in any case: leave it out")),
-        None => match nearest(name, shown()) {
+        None => match find_nearest_name(name, shown()) {
             Some(meant) => Err(format!("did you mean {meant}? Layers with a picture are {}", all())),
             None => Err(format!("layers with a picture are {}", all())),
         },
     }
 }
 
-/// Encodes a picture as its name says, as PNG as small as that allows, and writes it completely.
-fn write(path: &Path, picture: &RgbImage) -> Result<(), Failure> {
-    /// Of 100.
+/// Encodes a picture as the ending of its name says, a PNG as small as possible, and writes it completely.
+fn write_picture(path: &Path, picture: &RgbImage) -> Result<(), Failure> {
+    /// Of JPEG, of 100.
     const QUALITY: u8 = 92;
     let is_png = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(ENDINGS[0]));
     if is_png {
-        return output_file::write(path, &encode_small(picture));
+        return output_file::write_whole_file(path, &encode_small(picture));
     }
     let mut bytes = Cursor::new(Vec::new());
     let encoded = JpegEncoder::new_with_quality(&mut bytes, QUALITY).encode_image(picture);
     encoded.map_err(|error| {
         let help = "write a PNG, or show less: fewer samples with --count, smaller ones with --panel";
-        Failure::running_with(format!("{}: {error}", path.display()), help)
+        Failure::runtime_with_help(format!("{}: {error}", path.display()), help)
     })?;
-    output_file::write(path, &bytes.into_inner())
+    output_file::write_whole_file(path, &bytes.into_inner())
 }

@@ -1,31 +1,31 @@
-//! `gelsim render`
+//! `gelsim render`: turns depth frames of a simulator into tactile images.
 
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
-use super::guesses::{number, whole};
-use super::store::local_output;
-use super::{Failure, Log, MOST_THREADS, no_threads, say};
+use super::guesses::{parse_number, parse_whole_number};
+use super::store::local_path_parser;
+use super::{Failure, Log, MAX_THREADS, print_to_stderr, threads_failure};
 use gelsim_core::camera::projection::LensModel;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad;
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::sensor::Sensor;
-use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
-use gelsim_dataset::frames::check::Reach;
+use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
+use gelsim_dataset::frames::check::FrameReach;
 use gelsim_dataset::frames::poses::{self, FrameMetadata};
 use gelsim_dataset::frames::read;
 use gelsim_dataset::frames::reader::FrameReader;
-use gelsim_dataset::frames::run::{InSequence, RenderError, Request, check, run};
-use gelsim_dataset::frames::source::{Source, find};
-use gelsim_dataset::frames::stream::{StreamError, stream};
+use gelsim_dataset::frames::run::{FrameRequest, RenderError, SequenceSettings, check_frames, render_frames};
+use gelsim_dataset::frames::source::{FrameSource, find_frames};
+use gelsim_dataset::frames::stream::{StreamError, render_stream};
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_job::config::Overrides;
 use gelsim_job::layers::OutputLayer;
-use gelsim_job::plan::frames::Frames;
+use gelsim_job::plan::frames::FrameSettings;
 use gelsim_job::plan::{Plan, standalone};
 
 /// Turn depth frames of a simulator (MuJoCo, PyBullet, Gazebo, Isaac) into tactile images: the object's distance from a
@@ -41,7 +41,7 @@ Example:
 
 A frame is an npy array of rows and columns (also in an npz: FILE.npz, or FILE.npz/NAME where it holds several), an EXR \
 picture or a grey 16-bit PNG. Its resolution is the image's, and shows \
-the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/simulators.md.")]
+the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/how-to/simulators.md.")]
 pub struct Render {
     /// Frames: files, folders or patterns of names
     #[arg(long, value_name = "FILE|DIR|GLOB", num_args = 1.., required_unless_present = "stream")]
@@ -49,20 +49,21 @@ pub struct Render {
     /// Unit of the values
     #[arg(long, value_name = "UNIT", value_enum)]
     depth_unit: UnitName,
-    /// Distance of the undeformed pad's surface from the camera, mm; of a sensor whose gel has a shape the lens says it
-    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = number)]
+    /// Distance of the undeformed pad's surface from the camera, mm; not for a sensor whose gel has a shape: its lens
+    /// says it
+    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = parse_number)]
     plane_mm: Option<f64>,
     /// Preset or sensor file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     sensor: String,
     /// Folder for NAME.tactile.png, NAME.LAYER.* and NAME.json of each frame
-    #[arg(short, long, value_name = "DIR", value_parser = local_output(), required_unless_present = "stream")]
+    #[arg(short, long, value_name = "DIR", value_parser = local_path_parser(), required_unless_present = "stream")]
     out: Option<PathBuf>,
-    /// What is farther from the camera than this is nothing, mm
-    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = number)]
+    /// Ignore what is farther from the camera than this, mm
+    #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = parse_number)]
     max_depth_mm: Option<f64>,
-    /// The value that stands for nothing, in the frame's own unit; nan and inf are values, too
-    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = number)]
+    /// The value that means "nothing there", in the frame's own unit; may be nan or inf
+    #[arg(long, value_name = "V", allow_negative_numbers = true, value_parser = parse_number)]
     background_value: Option<f64>,
     /// The frame's columns go from right to left
     #[arg(long)]
@@ -70,44 +71,46 @@ pub struct Render {
     /// The frame's rows go from bottom to top
     #[arg(long)]
     flip_y: bool,
-    /// What belongs to a pixel is found so far to the right and down of it in the frame (after flips), px
-    #[arg(long, value_name = "DX,DY", value_delimiter = ',', allow_hyphen_values = true, value_parser = number)]
+    /// Offset of the frame against the image, px to the right and down, after flips: pixel (x, y) is read at (x + DX, y
+    /// + DY)
+    #[arg(long, value_name = "DX,DY", value_delimiter = ',', allow_hyphen_values = true, value_parser = parse_number)]
     pixel_offset: Vec<f64>,
-    /// How the camera's rays go [default: orthographic; inside a gel that has a shape as the sensor's own lens has them]; of
-    /// perspective frames the image has the sensor's own resolution
+    /// The camera's rays [default: orthographic; inside a gel that has a shape those of the sensor's own lens]; images
+    /// of perspective frames have the sensor's own resolution
     #[arg(long, value_name = "KIND", value_enum)]
     projection: Option<ProjectionName>,
     /// Angle between the upper and the lower edge of a perspective frame, degrees
-    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = number)]
+    #[arg(long, value_name = "F", allow_negative_numbers = true, value_parser = parse_number)]
     fov_y_deg: Option<f64>,
-    /// Along what values are distances
+    /// Line along which the values are distances
     #[arg(long, value_name = "LINE", value_enum, default_value_t)]
     depth_along: AlongName,
-    /// Table of what is known of each frame: file, id, class, quaternion_x to quaternion_w, x_mm, y_mm, z_mm, shear_x_mm,
-    /// shear_y_mm, twist_deg
+    /// Table of what is known about each frame: file, id, class, quaternion_x to quaternion_w, x_mm, y_mm, z_mm,
+    /// shear_x_mm, shear_y_mm, twist_deg
     #[arg(long, value_name = "FILE.csv", conflicts_with = "stream")]
     poses: Option<PathBuf>,
-    /// Render also if no frame reaches the pad
+    /// Render even if no frame reaches the pad
     #[arg(long, conflicts_with = "stream")]
     no_contact_ok: bool,
-    #[arg(long, help = format!("Layers beside the tactile image: {}", layer_names()), value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = layer)]
+    #[arg(long, help = format!("Layers besides the tactile image: {}", layer_names()), value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = parse_layer)]
     #[arg(conflicts_with = "stream")]
     layers: Vec<OutputLayer>,
-    /// The frames show one object on its way, in the order of their names, and friction remembers: its coefficient, or `stick`. Files
-    /// need --poses; in a stream each frame comes after an npy array of seven numbers, quaternion x, y, z, w and x, y, z in mm
-    #[arg(long, value_name = "MU|stick", value_parser = friction)]
+    /// Take the frames, in the order of their names, for one object that moves, with friction that depends on its path:
+    /// the coefficient, or `stick`. Files need --poses; in a stream each frame follows an npy array of seven numbers:
+    /// quaternion x, y, z, w and x, y, z in mm
+    #[arg(long, value_name = "MU|stick", value_parser = parse_friction)]
     sequence: Option<Friction>,
-    /// Frames a second of a sequence, for times in labels
-    #[arg(long, value_name = "F", default_value = "25", requires = "sequence", value_parser = number)]
+    /// Frames per second of a sequence, for times in labels
+    #[arg(long, value_name = "F", default_value = "25", requires = "sequence", value_parser = parse_number)]
     frame_rate_hz: f64,
     /// Fidelity level
-    #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level())]
+    #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level_parser())]
     fidelity: Option<Fidelity>,
     /// Any key of a job, such as of its sensor, camera or markers: dotted.path=TOML-VALUE
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
     /// Threads [default: all cores]
-    #[arg(short = 'j', long, value_name = "T", value_parser = whole::<usize>, conflicts_with = "stream")]
+    #[arg(short = 'j', long, value_name = "T", value_parser = parse_whole_number::<usize>, conflicts_with = "stream")]
     threads: Option<usize>,
     /// Read npy frames one after another from standard input and write the tactile image of each to standard output, as
     /// an npy array of shape (H, W, 3), before the next is read
@@ -145,11 +148,11 @@ enum ProjectionName {
     Perspective,
 }
 
-fn layer(name: &str) -> Result<OutputLayer, String> {
-    OutputLayer::named(name).ok_or_else(|| format!("layers are {}", layer_names()))
+fn parse_layer(name: &str) -> Result<OutputLayer, String> {
+    OutputLayer::from_name(name).ok_or_else(|| format!("layers are {}", layer_names()))
 }
 
-fn friction(text: &str) -> Result<Friction, String> {
+fn parse_friction(text: &str) -> Result<Friction, String> {
     match text.parse::<f64>() {
         _ if text == "stick" => Ok(Friction::Stick),
         Ok(coefficient) if (0.0..=10.0).contains(&coefficient) => Ok(Friction::Coulomb { coefficient }),
@@ -164,7 +167,7 @@ fn layer_names() -> String {
 impl Render {
     pub(super) fn run(self) -> Result<(), Failure> {
         let mut problems = Diagnostics::default();
-        let camera = self.camera(&mut problems);
+        let camera = self.depth_camera(&mut problems);
         if self.sequence.is_some() && self.poses.is_none() && !self.stream {
             let help = "give a table of where the object is in each frame: --poses FILE.csv";
             problems.push(Diagnostic::new("--sequence needs the object's poses").help(help));
@@ -173,14 +176,14 @@ impl Render {
             problems.push(Diagnostic::new("--frame-rate-hz is out of range").help("allowed: 0.001 to 10000"));
         }
         match self.out.clone() {
-            // One of the two is always there.
-            Some(out) => self.files(&out, camera, problems),
-            None => self.stream(camera, &problems),
+            // Clap sees to it that there is --out or --stream.
+            Some(out) => self.render_files(&out, camera, problems),
+            None => self.render_stream(camera, &problems),
         }
     }
 
-    /// What the options say of the depth camera. Mistakes go to `problems`.
-    fn camera(&self, problems: &mut Diagnostics) -> DepthCamera {
+    /// Builds the depth camera from the options. Mistakes go to `problems`.
+    fn depth_camera(&self, problems: &mut Diagnostics) -> DepthCamera {
         let mut wrong = |message: String, help: &str| problems.push(Diagnostic::new(message).help(help));
         let is_perspective = self.is_perspective();
         let plane_mm = self.plane_mm.unwrap_or(0.0);
@@ -203,30 +206,32 @@ impl Render {
             }
         };
         let projection = match (is_perspective, self.fov_y_deg) {
-            (false, None) => Projection::Orthographic,
-            (true, Some(fov_y_deg)) if fov_y_deg > 0.0 && fov_y_deg <= 170.0 => Projection::Perspective { fov_y_deg },
+            (false, None) => DepthProjection::Orthographic,
+            (true, Some(fov_y_deg)) if fov_y_deg > 0.0 && fov_y_deg <= 170.0 => {
+                DepthProjection::Perspective { fov_y_deg }
+            }
             (true, Some(fov)) => {
                 wrong(format!("--fov-y-deg {fov} is out of range"), "allowed: above 0, up to 170 degrees");
-                Projection::Orthographic
+                DepthProjection::Orthographic
             }
             (true, None) => {
                 let help = "give the angle between the frame's upper and lower edge: --fov-y-deg F";
                 wrong(String::from("--projection perspective needs its angle"), help);
-                Projection::Orthographic
+                DepthProjection::Orthographic
             }
             (false, Some(_)) => {
                 wrong(
                     String::from("--fov-y-deg belongs to --projection perspective"),
                     "add that, or leave the angle out",
                 );
-                Projection::Orthographic
+                DepthProjection::Orthographic
             }
         };
         DepthCamera {
             unit: match self.depth_unit {
-                UnitName::M => Unit::Metre,
-                UnitName::Mm => Unit::Millimetre,
-                UnitName::Um => Unit::Micrometre,
+                UnitName::M => DepthUnit::Metre,
+                UnitName::Mm => DepthUnit::Millimetre,
+                UnitName::Um => DepthUnit::Micrometre,
             },
             plane_mm,
             max_depth_mm: self.max_depth_mm,
@@ -235,18 +240,18 @@ impl Render {
             offset_px,
             projection,
             along: match self.depth_along {
-                AlongName::Axis => Along::Axis,
-                AlongName::Ray => Along::Ray,
+                AlongName::Axis => DistanceAlong::Axis,
+                AlongName::Ray => DistanceAlong::Ray,
             },
         }
     }
 
-    /// The plan for a view of this size, or for what --set makes of it.
-    fn plan(&self, resolution_px: [usize; 2], known: &[FrameMetadata]) -> Result<Plan, Report> {
+    /// Makes the plan for a view of this size, or of the size that `--set` gives.
+    fn plan_for_view(&self, resolution_px: [usize; 2], known: &[FrameMetadata]) -> Result<Plan, Report> {
         let set = self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         let overrides = Overrides { set, fidelity: self.fidelity };
         let classes: Vec<String> = known.iter().map(|known| known.class.clone()).collect();
-        let frames = Frames {
+        let frames = FrameSettings {
             sensor: &self.sensor,
             resolution_px,
             layers: &self.layers,
@@ -255,9 +260,9 @@ impl Render {
             sequence: self.sequence.is_some(),
             overrides: &overrides,
         };
-        let plan = frames.plan()?;
-        self.check_place(plan.simulator.sensor())?;
-        if self.sequence.is_some() && (frames.moved || plan.job().shear.any()) {
+        let plan = frames.resolve_plan()?;
+        self.check_camera_place(plan.simulator.sensor())?;
+        if self.sequence.is_some() && (frames.moved || plan.job().shear.has_motion()) {
             let help =
                 "leave shear_x_mm, shear_y_mm, twist_deg and [shear] out: in a sequence the poses move the object";
             return Err(user_error("--sequence and motion after the press exclude each other", help));
@@ -275,7 +280,7 @@ impl Render {
                 return Err(user_error("a sequence has a friction of its own", help));
             }
         }
-        match plan.open_choice() {
+        match plan.open_fidelity_choice() {
             None => Ok(plan),
             Some(_) => {
                 let help = "name a level with --fidelity; gelsim tradeoff shows what each costs";
@@ -284,8 +289,9 @@ impl Render {
         }
     }
 
-    /// Whether the options say where the camera stands, and no more than the sensor does.
-    fn check_place(&self, sensor: &Sensor) -> Result<(), Report> {
+    /// Checks that the camera's place is said once: by `--plane-mm` on a flat pad, by the sensor's lens on a gel that
+    /// has a shape.
+    fn check_camera_place(&self, sensor: &Sensor) -> Result<(), Report> {
         let by_lens = sensor.shape.is_some() && (sensor.lens != LensModel::Orthographic || self.is_perspective());
         match (by_lens, self.plane_mm) {
             (false, None) => {
@@ -307,10 +313,10 @@ impl Render {
         Ok(())
     }
 
-    /// The plan for frames of this size, which parallel rays make the view's.
-    fn plan_for(&self, size: Option<[usize; 2]>, known: &[FrameMetadata]) -> Result<Plan, Report> {
+    /// Makes the plan for frames of this size. With parallel rays their pixels are the image's.
+    fn plan_for_frames(&self, size: Option<[usize; 2]>, known: &[FrameMetadata]) -> Result<Plan, Report> {
         let size = size.filter(|_| !self.is_perspective());
-        let plan = self.plan(size.map_or_else(|| standalone::resolution_px(&self.sensor), Ok)?, known)?;
+        let plan = self.plan_for_view(size.map_or_else(|| standalone::read_resolution_px(&self.sensor), Ok)?, known)?;
         match size {
             Some([width, height]) if [width, height] != plan.simulator.view().resolution_px => {
                 let message = format!("the frames have {width}x{height} px, and --set gives the sensor other ones");
@@ -320,28 +326,31 @@ impl Render {
         }
     }
 
-    fn files(self, out: &Path, camera: DepthCamera, mut problems: Diagnostics) -> Result<(), Failure> {
-        let log = Log::text(self.quiet);
+    fn render_files(self, out: &Path, camera: DepthCamera, mut problems: Diagnostics) -> Result<(), Failure> {
+        let log = Log::plain_text(self.quiet);
         if out.exists() && !out.is_dir() {
             problems
                 .push(Diagnostic::new(format!("{} is not a folder", out.display())).help("choose a folder with --out"));
         }
-        if self.threads.is_some_and(|threads| !(1..=MOST_THREADS).contains(&threads)) {
-            let help = format!("give 1 to {MOST_THREADS}, or leave it out for all cores");
+        if self.threads.is_some_and(|threads| !(1..=MAX_THREADS).contains(&threads)) {
+            let help = format!("give 1 to {MAX_THREADS}, or leave it out for all cores");
             problems.push(Diagnostic::new("--threads is out of range").help(help));
         }
-        let sources = find(&self.depth, &mut problems);
-        let known = self.poses.as_ref().map(|path| poses::read(path, &sources)).transpose();
-        // That of the first that can be read: what is wrong with the others is found against it.
-        let size =
-            sources.iter().find_map(|source| read::file(&source.path).ok()).map(|frame| [frame.width, frame.height]);
-        let plan = self.plan_for(size, known.as_ref().ok().and_then(|known| known.as_deref()).unwrap_or_default());
+        let sources = find_frames(&self.depth, &mut problems);
+        let known = self.poses.as_ref().map(|path| poses::read_poses(path, &sources)).transpose();
+        // The size of the first readable frame: the others are checked against it.
+        let size = sources
+            .iter()
+            .find_map(|source| read::read_frame(&source.path).ok())
+            .map(|frame| [frame.width, frame.height]);
+        let plan =
+            self.plan_for_frames(size, known.as_ref().ok().and_then(|known| known.as_deref()).unwrap_or_default());
         let report = Report::new(&problems, &[]);
         let (known, plan) = match (known, plan) {
             (Ok(known), Ok(plan)) => (known, plan),
             (known, plan) => {
                 let reports = [known.err(), plan.err()].into_iter().flatten();
-                return Err(reports.fold(report, Report::and).into());
+                return Err(reports.fold(report, Report::merged_with).into());
             }
         };
         let own = plan.simulator.sensor().resolution_px;
@@ -354,76 +363,81 @@ impl Render {
                 return Err(Report::new(&problems, &[]).into());
             }
         };
-        let request = Request {
+        let request = FrameRequest {
             sources: &sources,
             camera,
             reader,
-            known,
+            metadata: known,
             out,
-            sequence: self.in_sequence(),
+            sequence: self.sequence_options(),
             no_contact_ok: self.no_contact_ok,
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads.unwrap_or(0)).build();
-        let pool = pool.map_err(|error| no_threads(&error))?;
-        let reaches = match (pool.install(|| check(&plan, &request)), report.is_empty()) {
+        let pool = pool.map_err(|error| threads_failure(&error))?;
+        let reaches = match (pool.install(|| check_frames(&plan, &request)), report.is_empty()) {
             (Ok(reaches), true) => reaches,
             (Ok(_), false) => return Err(report.into()),
-            (Err(found), _) => return Err(report.and(found).into()),
+            (Err(found), _) => return Err(report.merged_with(found).into()),
         };
-        log.notes(&plan.notes);
-        log.notes(&notes(&reaches, &sources, plan.thickness_mm()));
-        pool.install(|| run(&plan, &request)).map_err(|stopped| match stopped {
+        log.print_notes(&plan.notes);
+        log.print_notes(&collect_notes(&reaches, &sources, plan.thickness_mm()));
+        pool.install(|| render_frames(&plan, &request)).map_err(|stopped| match stopped {
             RenderError::Io(path, error) => Failure::from_path(&path, &error),
             RenderError::Changed(path, reason) => {
-                Failure::running(format!("{} has changed since it was checked: {reason}", path.display()))
+                Failure::runtime(format!("{} has changed since it was checked: {reason}", path.display()))
             }
-            RenderError::Unhealthy(path, reason) => Failure::running(format!("{}: {reason}", path.display())),
+            RenderError::Unhealthy(path, reason) => Failure::runtime(format!("{}: {reason}", path.display())),
         })?;
-        let touching = reaches.iter().filter(|reach| reach.touches()).count();
+        let touching = reaches.iter().filter(|reach| reach.touches_pad()).count();
         if !self.quiet {
-            say(&format!("{}, {touching} in contact -> {}", frames(sources.len()), out.display()));
+            print_to_stderr(&format!(
+                "{}, {touching} in contact -> {}",
+                format_frame_count(sources.len()),
+                out.display()
+            ));
         }
         Ok(())
     }
 
-    fn stream(self, camera: DepthCamera, problems: &Diagnostics) -> Result<(), Failure> {
+    fn render_stream(self, camera: DepthCamera, problems: &Diagnostics) -> Result<(), Failure> {
         if !problems.is_empty() {
             return Err(Report::new(problems, &[]).into());
         }
-        // Mistakes are told before anything is read. A plan for a small view finds them soon; the first frame brings the
-        // size for which the plan is made, unless it is said beforehand.
+        // A plan for a small view finds mistakes before anything is read. The first frame brings the size for which the
+        // plan is made again, unless the options say it.
         const SMALL: [usize; 2] = [64, 48];
-        let plan = if self.is_perspective() { self.plan_for(None, &[])? } else { self.plan(SMALL, &[])? };
+        let plan =
+            if self.is_perspective() { self.plan_for_frames(None, &[])? } else { self.plan_for_view(SMALL, &[])? };
         let is_known = plan.simulator.view().resolution_px != SMALL;
         let for_size = |size: [usize; 2]| {
             if is_known && (self.is_perspective() || plan.simulator.view().resolution_px == size) {
                 Ok(plan)
             } else {
-                self.plan_for(Some(size), &[])
+                self.plan_for_frames(Some(size), &[])
             }
         };
-        let sequence = self.in_sequence();
+        let sequence = self.sequence_options();
         let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));
-        let log = Log::text(self.quiet);
-        match stream(input, output, &camera, sequence, for_size, |notes| log.notes(&notes)) {
+        let log = Log::plain_text(self.quiet);
+        match render_stream(input, output, &camera, sequence, for_size, |notes| log.print_notes(&notes)) {
             Ok(count) => {
                 if !self.quiet {
-                    say(&frames(count as usize));
+                    print_to_stderr(&format_frame_count(count as usize));
                 }
                 Ok(())
             }
-            Err(StreamError::Unread) => Ok(()),
+            Err(StreamError::OutputClosed) => Ok(()),
             Err(StreamError::Plan(report)) => Err(report.into()),
-            Err(StreamError::Io(error)) => Err(Failure::running(format!("standard output: {error}"))),
+            Err(StreamError::Io(error)) => Err(Failure::runtime(format!("standard output: {error}"))),
             Err(StreamError::Frame(number, problem)) => {
                 let message = format!("frame {number}: {}", problem.message);
-                Err(Failure::running_with(message, problem.help.unwrap_or_else(|| String::from(BROKEN_FRAME))))
+                Err(Failure::runtime_with_help(message, problem.help.unwrap_or_else(|| String::from(BROKEN_FRAME))))
             }
         }
     }
 
-    fn in_sequence(&self) -> Option<InSequence> {
-        self.sequence.map(|friction| InSequence { friction, frame_rate_hz: self.frame_rate_hz })
+    fn sequence_options(&self) -> Option<SequenceSettings> {
+        self.sequence.map(|friction| SequenceSettings { friction, frame_rate_hz: self.frame_rate_hz })
     }
 
     fn is_perspective(&self) -> bool {
@@ -431,21 +445,21 @@ impl Render {
     }
 }
 
-/// What a stream is made of.
+/// Help for a frame of a stream that cannot be read.
 const BROKEN_FRAME: &str = "each frame is an npy file as numpy.save writes it, (H, W) of float32, float64 or uint16; images of those before \
                             it were written";
 
-fn frames(count: usize) -> String {
+fn format_frame_count(count: usize) -> String {
     if count == 1 { String::from("1 frame") } else { format!("{count} frames") }
 }
 
-/// What the user should know of frames that are no mistakes.
-fn notes(reaches: &[Reach], sources: &[Source], thickness_mm: f64) -> Report {
-    let worst = |count: fn(&Reach) -> u64, what: &str, help: String| {
+/// Collects notes on frames that are no mistakes: what goes through the pad, what the camera did not see.
+fn collect_notes(reaches: &[FrameReach], sources: &[FrameSource], thickness_mm: f64) -> Report {
+    let worst = |count: fn(&FrameReach) -> u64, what: &str, help: String| {
         let with = reaches.iter().filter(|reach| count(reach) > 0).count();
         let (most, source) = reaches.iter().map(count).zip(sources).max_by_key(|(most, _)| *most)?;
         let source = source.path.display();
-        let message = format!("{with} of {}: {what}, most in {source} ({most} px)", frames(reaches.len()));
+        let message = format!("{with} of {}: {what}, most in {source} ({most} px)", format_frame_count(reaches.len()));
         (with > 0).then(|| Diagnostic::note(message).help(help))
     };
     let through = worst(

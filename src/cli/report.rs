@@ -1,17 +1,17 @@
-//! `gelsim report`
+//! `gelsim report`: writes an HTML page about a dataset.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::store::local_output;
-use super::{Failure, output_file, print, say};
-use gelsim_dataset::cleanup::{self, REPORT};
+use super::store::local_path_parser;
+use super::{Failure, output_file, print_result, print_to_stderr};
+use gelsim_dataset::cleanup::{self, REPORT_FILE};
 use gelsim_dataset::lock::Lock;
 use gelsim_lab::report;
 
-/// Write one HTML page about a dataset: counts by class and split, distributions of contact, pose and brightness, effects,
-/// health, time, size, some samples, the configuration. It needs no network and no scripts.
+/// Write one HTML page about a dataset: counts by class and split, distributions of contact, pose and brightness,
+/// effects, health, time, size, some samples, the configuration. It needs no network and no scripts.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -25,38 +25,38 @@ pub struct Report {
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// The page to write [default: DIR/report.html]
-    #[arg(short, long, value_name = "FILE.html", value_parser = local_output())]
+    #[arg(short, long, value_name = "FILE.html", value_parser = local_path_parser())]
     out: Option<PathBuf>,
 }
 
 impl Report {
     pub(super) fn run(self) -> Result<(), Failure> {
         if let Some(out) = &self.out {
-            output_file::check(out, &["html"], REPORT)?;
+            output_file::check_output_path(out, &["html"], REPORT_FILE)?;
         }
-        let out = self.out.clone().unwrap_or_else(|| self.dir.join(REPORT));
-        let dataset = report::read(&self.dir)?;
-        for warning in dataset.warnings() {
-            say(&format!("warning: {warning}"));
+        let out = self.out.clone().unwrap_or_else(|| self.dir.join(REPORT_FILE));
+        let dataset = report::read_dataset(&self.dir)?;
+        for warning in dataset.list_warnings() {
+            print_to_stderr(&format!("warning: {warning}"));
         }
-        let page = dataset.html();
-        self.write(&out, page.as_bytes())?;
-        print(&format!("{}\n", out.display()))
+        let page = dataset.to_html();
+        self.write_page(&out, page.as_bytes())?;
+        print_result(&format!("{}\n", out.display()))
     }
 
-    /// Writes the complete page. Who finishes the dataset sweeps up partial files in its folder, so not at the same
-    /// time.
-    fn write(&self, out: &Path, page: &[u8]) -> Result<(), Failure> {
-        let folder = output_file::folder_of(out);
+    /// Writes the complete page. If it goes into the dataset's folder, holds the dataset's lock: a run that finishes
+    /// the dataset removes partial files there.
+    fn write_page(&self, out: &Path, page: &[u8]) -> Result<(), Failure> {
+        let folder = output_file::parent_folder(out);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        let lock = cleanup::lock(&self.dir);
+        let lock = cleanup::lock_path(&self.dir);
         let _alone = if same(folder, &self.dir) {
-            Some(Lock::wait(&lock).map_err(|error| {
-                Failure::denied(&format!("{}: {error}", lock.display()), &error, "nothing was written")
+            Some(Lock::acquire(&lock).map_err(|error| {
+                Failure::access_denied(&format!("{}: {error}", lock.display()), &error, "nothing was written")
             })?)
         } else {
             None
         };
-        output_file::write(out, page)
+        output_file::write_whole_file(out, page)
     }
 }

@@ -1,8 +1,8 @@
-//! `gelsim schema`
+//! `gelsim schema`: prints the JSON Schema of a file format.
 
 use clap::{Args, ValueEnum};
 
-use super::{Failure, print};
+use super::{Failure, print_result};
 use gelsim_augment::config::Augment;
 use gelsim_files::sensor::Sensor;
 use gelsim_job::config::Job;
@@ -30,7 +30,7 @@ pub enum Format {
     Sequence,
     /// The label of a sample that is a grip of two fingers
     Grip,
-    /// The label of a sample that is a sequence of such
+    /// The label of a sample that is a sequence of grips
     GripSequence,
     /// A sensor file
     Sensor,
@@ -38,8 +38,8 @@ pub enum Format {
     Augment,
 }
 
-/// The JSON Schema of a format, as text with a final newline.
-pub fn text(format: Format) -> String {
+/// Returns the JSON Schema of a format, as text with a final newline.
+pub fn schema_text(format: Format) -> String {
     let schema = match format {
         Format::Job => with_distributions(schemars::schema_for!(Job)),
         Format::Label => schemars::schema_for!(Label).to_value(),
@@ -54,6 +54,6 @@ pub fn text(format: Format) -> String {
 
 impl Schema {
     pub(super) fn run(self) -> Result<(), Failure> {
-        print(&text(self.what))
+        print_result(&schema_text(self.what))
     }
 }

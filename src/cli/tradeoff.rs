@@ -1,30 +1,30 @@
-//! `gelsim tradeoff`
+//! `gelsim tradeoff`: compares all fidelity levels on a job's samples, or the linear layer with finite elements.
 
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::guesses::whole;
+use super::guesses::parse_whole_number;
 use super::progress::bar::Bar;
-use super::store::local_output;
-use super::terminal::columns;
-use super::{Failure, Log, output_file, print, say};
+use super::store::local_path_parser;
+use super::terminal::stdout_columns;
+use super::{Failure, Log, output_file, print_result, print_to_stderr};
 use gelsim_files::diagnostic::user_error;
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
-use gelsim_lab::finite::{self, Options, finite};
-use gelsim_lab::tradeoff::{plot, report, sequences, tradeoff};
+use gelsim_lab::finite::{self, FiniteElementOptions, compare_with_finite_elements};
+use gelsim_lab::tradeoff::{measure_tradeoff, plot, report, sequences};
 
 /// Samples, if the user names no number.
 const SAMPLES: u64 = 32;
 
-/// Sequences, likewise.
+/// Sequences, if the user names no number.
 const SEQUENCES: u64 = 6;
 
 /// Render the same samples of a job at every fidelity level: error against the reference level, and time. Prints a
-/// table and writes tradeoff.csv, tradeoff.json, tradeoff.svg and tradeoff.png. Of sequences: force, onset of slip and motion of
-/// the pad, against the reference at four times the frame rate; no PNG.
+/// table and writes tradeoff.csv, tradeoff.json, tradeoff.svg and tradeoff.png. For a job of sequences: force, onset of
+/// slip and motion of the pad, against the reference at four times the frame rate; no PNG.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -36,31 +36,32 @@ pub struct Tradeoff {
     job: PathBuf,
     /// How many of the job's samples are rendered: shallow and deep ones of each object while N allows, and the deepest
     /// of all [default: 32, or one of each object if that is more; of a job of sequences 6]
-    #[arg(short = 'n', long, value_name = "N", value_parser = samples)]
+    #[arg(short = 'n', long, value_name = "N", value_parser = parse_samples)]
     samples: Option<u64>,
-    /// Instead of the levels: the error of the linear elastic layer itself, against finite elements of rubber at large strains, for
-    /// the deepest press of each round object. Writes finite.csv and finite.json, if --out is given. Seconds to a minute an object
+    /// Instead of the levels: the error of the linear elastic layer itself, against finite elements of rubber at large
+    /// strains, for the deepest press of each round object. Writes finite.csv and finite.json, if --out is given.
+    /// Seconds to a minute an object
     #[arg(long, conflicts_with = "samples")]
     finite_elements: bool,
     /// The pad sticks to the object instead of sliding without friction
     #[arg(long, requires = "finite_elements")]
     sticking: bool,
-    /// Radius that sharper edges of the object get, mm; at a sharp one the pressure is infinite
-    #[arg(long, value_name = "MM", default_value = "0.2", value_parser = edge, requires = "finite_elements")]
+    /// Radius to which sharper edges of the object are rounded, mm; at a sharp edge the pressure is infinite
+    #[arg(long, value_name = "MM", default_value = "0.2", value_parser = parse_edge, requires = "finite_elements")]
     edge_mm: f64,
-    /// How much finer the elements are than usual
-    #[arg(long, value_name = "N", default_value = "1", value_parser = refine, requires = "finite_elements")]
+    /// How many times finer the elements are than usual
+    #[arg(long, value_name = "N", default_value = "1", value_parser = parse_refinement, requires = "finite_elements")]
     refine: f64,
     /// Folder for the results [default: out/NAME-tradeoff]
-    #[arg(short, long, value_name = "DIR", value_parser = local_output())]
+    #[arg(short, long, value_name = "DIR", value_parser = local_path_parser())]
     out: Option<PathBuf>,
     /// Seed of all randomness
-    #[arg(long, value_name = "S", value_parser = whole::<u64>)]
+    #[arg(long, value_name = "S", value_parser = parse_whole_number::<u64>)]
     seed: Option<u64>,
     /// Any key of the job: dotted.path=TOML-VALUE; paths in it are relative to the current folder
     #[arg(long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Print nothing but the table and errors
+    /// Print only the table and errors
     #[arg(short, long)]
     quiet: bool,
 }
@@ -71,12 +72,12 @@ impl Tradeoff {
             self.set.iter().map(|text| (String::from("--set"), text.clone())).collect();
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
-        plan.of_one_sensor("tradeoff")?;
-        Log::text(self.quiet).notes(&plan.notes);
+        plan.require_one_sensor("tradeoff")?;
+        Log::plain_text(self.quiet).print_notes(&plan.notes);
         if self.finite_elements {
-            plan.of_presses("--finite-elements")?;
-            plan.of_single_objects("--finite-elements")?;
-            return self.finite(&plan);
+            plan.require_single_presses("--finite-elements")?;
+            plan.require_single_objects("--finite-elements")?;
+            return self.compare_finite_elements(&plan);
         }
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));
         if folder.exists() && !folder.is_dir() {
@@ -84,67 +85,70 @@ impl Tradeoff {
             return Err(user_error(message, "choose a folder with --out").into());
         }
         let failed = |path: &Path, error: &dyn std::fmt::Display| Failure::from_path(path, error);
-        // Before the work, lest it be in vain.
+        // Before the work, which would be lost if the folder could not be written.
         create_folder(&folder)?;
         let heard = !self.quiet && std::io::stderr().is_terminal();
         let said = |what: &str| {
             if heard {
-                say(&format!("rendering: {what}"));
+                print_to_stderr(&format!("rendering: {what}"));
             }
         };
         if plan.job().sequence.is_some() {
-            let result = sequences::tradeoff(&plan, self.samples.unwrap_or(SEQUENCES), said);
+            let result = sequences::measure_sequence_tradeoff(&plan, self.samples.unwrap_or(SEQUENCES), said);
             let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
-            for (name, text) in
-                [("tradeoff.csv", result.csv()), ("tradeoff.json", json), ("tradeoff.svg", result.svg().into_string())]
-            {
-                output_file::write(&folder.join(name), text.as_bytes())?;
+            for (name, text) in [
+                ("tradeoff.csv", result.to_csv()),
+                ("tradeoff.json", json),
+                ("tradeoff.svg", result.to_svg().into_string()),
+            ] {
+                output_file::write_whole_file(&folder.join(name), text.as_bytes())?;
             }
-            print(&result.table(columns()))?;
+            print_result(&result.to_text_table(stdout_columns()))?;
             if !self.quiet {
-                say(&format!("-> {}", folder.display()));
+                print_to_stderr(&format!("-> {}", folder.display()));
             }
             return Ok(());
         }
         let samples = self.samples.unwrap_or(SAMPLES.max(plan.sampling.objects.len() as u64));
-        let result = tradeoff(&plan, samples, said);
-        let page = plot::draw(&result);
+        let result = measure_tradeoff(&plan, samples, said);
+        let page = plot::draw_tradeoff(&result);
         let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
         let files = [
-            ("tradeoff.csv", report::csv(&result).into_bytes()),
+            ("tradeoff.csv", report::to_csv(&result).into_bytes()),
             ("tradeoff.json", json.into_bytes()),
-            ("tradeoff.svg", page.svg().into_string().into_bytes()),
-            ("tradeoff.png", page.png()),
+            ("tradeoff.svg", page.to_svg().into_string().into_bytes()),
+            ("tradeoff.png", page.to_png()),
         ];
         for (name, bytes) in files {
-            output_file::write(&folder.join(name), &bytes)?;
+            output_file::write_whole_file(&folder.join(name), &bytes)?;
         }
-        print(&report::table(&result, columns()))?;
+        print_result(&report::to_text_table(&result, stdout_columns()))?;
         if !self.quiet {
-            say(&format!("-> {}", folder.display()));
+            print_to_stderr(&format!("-> {}", folder.display()));
         }
         Ok(())
     }
 
-    /// The linear layer against finite elements.
-    fn finite(self, plan: &Plan) -> Result<(), Failure> {
-        let options = Options { sticking: self.sticking, rounding_mm: self.edge_mm, refine: self.refine };
+    /// Compares the linear layer with finite elements, and writes the result.
+    fn compare_finite_elements(self, plan: &Plan) -> Result<(), Failure> {
+        let options = FiniteElementOptions { sticking: self.sticking, rounding_mm: self.edge_mm, refine: self.refine };
         if let Some(folder) = &self.out {
-            // Before the work, lest it be in vain.
+            // Before the work, which would be lost if the folder could not be written.
             create_folder(folder)?;
         }
-        let bar = Bar::thousandths(!self.quiet);
-        let result = finite(plan, options, |object, share| bar.show((1000.0 * share) as u64, object));
+        let bar = Bar::in_thousandths(!self.quiet);
+        let result =
+            compare_with_finite_elements(plan, options, |object, share| bar.show((1000.0 * share) as u64, object));
         bar.end();
-        print(&finite::report::table(&result, columns()))?;
+        print_result(&finite::report::to_text_table(&result, stdout_columns()))?;
         if let Some(folder) = &self.out {
             let json =
                 serde_json::to_string_pretty(&result).map_err(|error| Failure::from_path(folder, &error))? + "\n";
-            for (name, text) in [("finite.csv", finite::report::csv(&result)), ("finite.json", json)] {
-                output_file::write(&folder.join(name), text.as_bytes())?;
+            for (name, text) in [("finite.csv", finite::report::to_csv(&result)), ("finite.json", json)] {
+                output_file::write_whole_file(&folder.join(name), text.as_bytes())?;
             }
             if !self.quiet {
-                say(&format!("-> {}", folder.display()));
+                print_to_stderr(&format!("-> {}", folder.display()));
             }
         }
         if result.presses.is_empty() {
@@ -157,27 +161,28 @@ impl Tradeoff {
     }
 }
 
-/// Makes the folder for the results.
+/// Creates the folder for the results.
 fn create_folder(folder: &Path) -> Result<(), Failure> {
     let denied = |error: io::Error| {
         let left = match error.kind() {
             io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => "choose another folder with --out",
             _ => "nothing was rendered",
         };
-        Failure::denied(&format!("{}: {error}", folder.display()), &error, left)
+        Failure::access_denied(&format!("{}: {error}", folder.display()), &error, left)
     };
     std::fs::create_dir_all(folder).map_err(denied)
 }
 
-fn samples(text: &str) -> Result<u64, String> {
-    whole(text).and_then(|samples| if samples > 0 { Ok(samples) } else { Err(String::from("write 1 or more")) })
+fn parse_samples(text: &str) -> Result<u64, String> {
+    parse_whole_number(text)
+        .and_then(|samples| if samples > 0 { Ok(samples) } else { Err(String::from("write 1 or more")) })
 }
 
-fn edge(text: &str) -> Result<f64, String> {
+fn parse_edge(text: &str) -> Result<f64, String> {
     parse_within(text, 0.02, 5.0, "a radius of 0.02 to 5 mm")
 }
 
-fn refine(text: &str) -> Result<f64, String> {
+fn parse_refinement(text: &str) -> Result<f64, String> {
     parse_within(text, 0.25, 4.0, "0.25 (four times as coarse) to 4 (four times as fine, 64 times as slow)")
 }
 

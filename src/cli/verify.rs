@@ -1,22 +1,23 @@
-//! `gelsim verify`
+//! `gelsim verify`: checks a dataset.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
-use super::{Failure, print};
-use gelsim_dataset::verify::{CheckLevel, Finding, cures, verify};
+use super::{Failure, print_result};
+use gelsim_dataset::verify::{CheckLevel, DatasetFinding, list_remedy_commands, verify};
 
-/// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged shards,
-/// files that cannot be decoded, numbers that are not finite, labels that break the schema. Exit status 1 if there is any.
+/// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged
+/// shards, files that cannot be decoded, numbers that are not finite, labels that break the schema. Ends with status 1
+/// if anything is wrong.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   gelsim verify out/quickstart
   gelsim verify out/quickstart --checksums
 
-Below what is wrong it names the commands that mend it; shards that are whole stay as they are.")]
+Below what is wrong it names the commands that fix it; valid shards stay as they are.")]
 pub struct Verify {
     /// The dataset's folder
     #[arg(value_name = "DIR")]
@@ -26,10 +27,10 @@ pub struct Verify {
     checksums: bool,
 }
 
-/// What mends a dataset, if anything is wrong with it.
-pub(super) fn mended_by(root: &Path, findings: &[Finding]) -> String {
-    let cures: String = cures(root, findings).iter().map(|command| format!("  {command}\n")).collect();
-    if cures.is_empty() { cures } else { format!("mend it with\n{cures}") }
+/// Returns the commands that fix a dataset; empty if there are none.
+pub(super) fn suggest_repair(root: &Path, findings: &[DatasetFinding]) -> String {
+    let fixes: String = list_remedy_commands(root, findings).iter().map(|command| format!("  {command}\n")).collect();
+    if fixes.is_empty() { fixes } else { format!("fix it with\n{fixes}") }
 }
 
 impl Verify {
@@ -42,22 +43,22 @@ impl Verify {
         text +=
             &format!("{}: {samples} samples in {shards} shards, {}: ", self.dir.display(), HumanBytes(verified.bytes));
         text += &match count {
-            0 => String::from("whole\n"),
+            0 => String::from("valid and complete\n"),
             1 => String::from("1 thing is wrong\n"),
             count => format!("{count} things are wrong\n"),
         };
         text += &match &verified.made_by {
-            None => mended_by(&self.dir, &verified.findings),
-            // `generate` and `finalize` leave its folder as it is.
+            None => suggest_repair(&self.dir, &verified.findings),
+            // This version's `generate` and `finalize` leave the folder as it is.
             Some(version) => {
-                let mends = if count == 0 { "" } else { ", and only it mends them" };
+                let who_fixes = if count == 0 { "" } else { ", and only it can fix them" };
                 format!(
-                    "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say{mends}\n"
+                    "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say{who_fixes}\n"
                 )
             }
         };
-        print(&text)?;
-        // What is wrong has been said.
-        if count == 0 { Ok(()) } else { Err(Failure::reported(1)) }
+        print_result(&text)?;
+        // The findings were printed above.
+        if count == 0 { Ok(()) } else { Err(Failure::already_reported(1)) }
     }
 }

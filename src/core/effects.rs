@@ -1,8 +1,8 @@
-//! The effects, and the one mechanism by which a press runs only those that can change a pixel.
+//! The effects of a press, and the mechanism that runs only those that can change a pixel.
 //!
-//! A stage asks the [`EffectLog`] of the press to run an effect and says whether the press needs it. The log enables it or
-//! not, and notes which, why, and what it took; label, statistics and the comparisons in `tradeoff` read the notes.
-//! What each criterion proves, or by how much it may be wrong, is in `docs/effects.md`.
+//! A stage asks the [`EffectLog`] of the press to run an effect and says whether the press needs it. The log runs it or
+//! not, and notes the decision, the reason and the CPU time. Labels, statistics and the comparisons of `tradeoff` read
+//! these notes. What each criterion proves, or by how much it may be wrong, is in `docs/explanation/effects.md`.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -13,25 +13,26 @@ use serde::de::{self, Deserializer, MapAccess, Visitor};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::base::clock::Clock;
+use super::base::clock::ThreadClock;
 
 macro_rules! effects {
     ($($effect:ident, $name:literal, $summary:literal;)*) => {
-        /// Everything that may or may not happen in a press, in the order in which it happens.
+        /// Something that a press computes only where it can change a pixel; the variants are in the order in which
+        /// they run.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[non_exhaustive]
         pub enum Effect { $(#[doc = $summary] $effect,)* }
 
         impl Effect {
-            /// All of them, in the order in which they happen.
+            /// All effects, in the order in which they run.
             pub const ALL: [Self; [$($name),*].len()] = [$(Self::$effect),*];
 
-            /// Its name in labels and statistics.
+            /// Returns the effect's name in labels and statistics.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$effect => $name,)* }
             }
 
-            /// What it is, and what enables it.
+            /// Returns what the effect is, and where it runs.
             pub fn summary(self) -> &'static str {
                 match self { $(Self::$effect => $summary,)* }
             }
@@ -39,7 +40,7 @@ macro_rules! effects {
     };
 }
 
-// One row for each: its name in labels and statistics; what it is, and what enables it.
+// One row per effect: its variant, its name in labels and statistics, and what it is and where it runs.
 effects! {
     Texture, "texture", "micro relief of the object; runs where a textured object reaches into the pad";
     RestShape, "rest_shape", "a curved pad under the object; runs where a pad that is not flat meets an object";
@@ -60,14 +61,14 @@ effects! {
     Noise, "noise", "shot and read noise; runs where there is any";
 }
 
-/// Whether a press needs an effect, and why.
+/// Whether a press needs an effect, with the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Requirement {
-    /// There is nothing that could run: the job or the sensor has none of it.
+    /// The job or the sensor does not have the effect: there is nothing to run.
     Absent(&'static str),
-    /// It would change no pixel, or none by more than the bound in `docs/effects.md`.
+    /// The effect would change no pixel, or none by more than the bound in `docs/explanation/effects.md`.
     Unneeded(&'static str),
-    /// It can change a pixel.
+    /// The effect can change a pixel.
     Needed(&'static str),
 }
 
@@ -77,32 +78,32 @@ pub enum Requirement {
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(feature = "schema", schemars(rename = "Gate"))]
 pub enum EffectPolicy {
-    /// Those that can change a pixel.
+    /// The effects that can change a pixel.
     #[default]
     #[serde(rename = "called_for")]
     WhereNeeded,
-    /// All that the job and the sensor have, everywhere: the oracle for the criteria.
+    /// All effects that the job and the sensor have, on every pixel: the reference for the criteria.
     All,
-    /// Those that the scene calls for, but not this one.
+    /// The effects that can change a pixel, except this one.
     #[serde(skip)]
     Without(Effect),
 }
 
-/// What became of the effects of one sample.
+/// Which effects of one press ran, why, and how long each took.
 #[derive(Clone, Debug)]
 pub struct EffectLog {
     policy: EffectPolicy,
-    /// Whether each ran, and why.
-    pub notes: PerEffect<Note>,
-    /// CPU seconds that each took. Darkening is computed with shading and counts there.
+    /// Whether each effect ran, and why.
+    pub notes: PerEffect<EffectNote>,
+    /// CPU seconds that each effect took. Darkening is computed with shading and counts there.
     pub seconds: PerEffect<f64>,
 }
 
-/// Whether an effect ran.
+/// Whether an effect ran, and why.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "Effect"))]
-pub struct Note {
+pub struct EffectNote {
     /// True if it was computed.
     pub ran: bool,
     /// Why, or why not.
@@ -110,52 +111,53 @@ pub struct Note {
 }
 
 impl EffectLog {
-    /// An empty one.
+    /// Makes a log in which nothing has run yet.
     pub fn new(policy: EffectPolicy) -> Self {
         Self { policy, notes: PerEffect::default(), seconds: PerEffect::default() }
     }
 
-    /// True if every effect runs everywhere.
-    pub(crate) fn everywhere(&self) -> bool {
+    /// Returns true if every effect runs on every pixel.
+    pub(crate) fn runs_everywhere(&self) -> bool {
         self.policy == EffectPolicy::All
     }
 
-    /// True if an effect never runs.
+    /// Returns true if the policy leaves `effect` out.
     pub(crate) fn leaves_out(&self, effect: Effect) -> bool {
         self.policy == EffectPolicy::Without(effect)
     }
 
-    /// Whether `effect` is to run; notes the answer.
+    /// Decides whether `effect` runs, and notes the decision with its reason.
     pub(crate) fn enable(&mut self, effect: Effect, need: Requirement) -> bool {
         let (ran, reason) = match (self.policy, need) {
             (EffectPolicy::Without(left_out), _) if left_out == effect => (false, "left out"),
+            // `All` runs what the press does not need, but even then nothing absent can run.
             (EffectPolicy::All, Requirement::Unneeded(reason)) | (_, Requirement::Needed(reason)) => (true, reason),
             (_, Requirement::Unneeded(reason) | Requirement::Absent(reason)) => (false, reason),
         };
-        self.notes[effect] = Note { ran, reason: Cow::Borrowed(reason) };
+        self.notes[effect] = EffectNote { ran, reason: Cow::Borrowed(reason) };
         ran
     }
 
-    /// Does the work of `effect` if it is to run.
+    /// Runs the work of `effect` if it is enabled; returns `None` if it is not.
     pub(crate) fn run<T>(&mut self, effect: Effect, need: Requirement, work: impl FnOnce() -> T) -> Option<T> {
-        self.enable(effect, need).then(|| self.timed(effect, work))
+        self.enable(effect, need).then(|| self.run_timed(effect, work))
     }
 
-    /// Does work that counts as `effect`'s.
-    pub(crate) fn timed<T>(&mut self, effect: Effect, work: impl FnOnce() -> T) -> T {
-        let mut clock = Clock::start();
+    /// Runs `work` and adds its CPU time to that of `effect`.
+    pub(crate) fn run_timed<T>(&mut self, effect: Effect, work: impl FnOnce() -> T) -> T {
+        let mut clock = ThreadClock::start();
         let result = work();
         self.seconds[effect] += clock.lap();
         result
     }
 }
 
-/// A value for each effect; in JSON an object with their names.
+/// A value for each effect. In JSON it is an object with the effects' names as keys.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PerEffect<T>([T; Effect::ALL.len()]);
 
 impl<T> PerEffect<T> {
-    /// Every effect with its value.
+    /// Iterates over the effects and their values, in the order in which they run.
     pub fn iter(&self) -> impl Iterator<Item = (Effect, &T)> {
         Effect::ALL.into_iter().zip(&self.0)
     }
@@ -224,6 +226,7 @@ impl<'de, T: Deserialize<'de> + Default> Deserialize<'de> for PerEffect<T> {
                     found[effect] = map.next_value()?;
                     missing.retain(|other| *other != effect);
                 }
+                // Values have a default, but an effect that is not named is an error all the same.
                 match missing.first() {
                     None => Ok(found),
                     Some(effect) => Err(de::Error::missing_field(effect.name())),

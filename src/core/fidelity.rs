@@ -1,4 +1,4 @@
-//! Fidelity levels: names for choices of models. The only place where a level is matched.
+//! Fidelity levels: named choices of models. Only this file matches on a level.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,13 +16,13 @@ use crate::optics::phong::{Phong, Shadows, SoftShadows};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
-#[cfg_attr(feature = "schema", schemars(rename = "Rung"))]
+#[cfg_attr(feature = "schema", schemars(rename = "FidelityLevel"))]
 pub enum Fidelity {
     /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,
-    /// Elastic pad, solved on every fourth pixel; so are shadows.
+    /// Elastic pad and shadows, solved on every fourth pixel.
     Draft,
-    /// Elastic pad, solved on every second pixel; so are shadows.
+    /// Elastic pad and shadows, solved on every second pixel.
     #[default]
     Standard,
     /// Elastic pad and shadows, solved on every pixel.
@@ -31,7 +31,7 @@ pub enum Fidelity {
     Reference,
 }
 
-/// The models of gelpad and light.
+/// The models of gelpad and light that a simulator uses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Models {
     /// Model of the gelpad.
@@ -44,7 +44,7 @@ impl Fidelity {
     /// Every level, from cheap to exact.
     pub const ALL: [Self; 5] = [Self::Paper, Self::Draft, Self::Standard, Self::High, Self::Reference];
 
-    /// Its name in jobs and labels.
+    /// Returns the level's name in jobs and labels.
     pub fn name(self) -> &'static str {
         match self {
             Self::Paper => "paper",
@@ -55,17 +55,17 @@ impl Fidelity {
         }
     }
 
-    /// The level of this name.
+    /// Returns the level of this name; `None` if no level is called so.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|level| level.name() == name)
     }
 
-    /// What it is.
+    /// Returns what the level is, in one sentence.
     pub fn summary(self) -> &'static str {
         match self {
             Self::Paper => "The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows",
-            Self::Draft => "Elastic pad, solved on every fourth pixel; so are shadows",
-            Self::Standard => "Elastic pad, solved on every second pixel; so are shadows",
+            Self::Draft => "Elastic pad and shadows, solved on every fourth pixel",
+            Self::Standard => "Elastic pad and shadows, solved on every second pixel",
             Self::High => "Elastic pad and shadows, solved on every pixel",
             Self::Reference => {
                 "Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against"
@@ -73,7 +73,7 @@ impl Fidelity {
         }
     }
 
-    /// The models that it stands for where this is known of the sensor's light.
+    /// Returns the models that the level stands for, by what is known of the sensor's light.
     pub fn models(self, light: LightSource) -> Models {
         let elastic = |resolution, tolerance_um, max_iterations| {
             gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations, friction: None })
@@ -88,7 +88,8 @@ impl Fidelity {
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
             },
             optics: match (light, self) {
-                // Finer costs much, and is nothing beside the distance to the real sensor (docs/reality.md).
+                // One choice for all levels: a finer spacing costs much, and its error is nothing beside the distance to
+                // the real sensor (docs/evidence/reality.md).
                 (LightSource::Calibration, _) => optics::Model::Calibrated(Calibrated::default()),
                 (LightSource::Lamps, _) => optics::Model::Lamps(Lamps {}),
                 (LightSource::Leds, Self::Paper) => phong(Shadows::None),

@@ -1,4 +1,5 @@
-//! The simulator: a pure library from an indenter to a tactile image. It knows no file, no job and no random distribution.
+//! The simulator: from an indenter to a tactile image, as a pure library. It knows no files, no jobs and no random
+//! distributions.
 
 pub mod base;
 pub mod camera;

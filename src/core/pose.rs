@@ -1,14 +1,14 @@
-//! Where the object is: rotation = tilt * yaw * face, and a translation that puts its anchor at (x, y) and its lowest
-//! point at a given height.
+//! The pose of the object: rotation = tilt * yaw * face, and a translation that puts its anchor at (x, y) and its
+//! lowest point at a given height.
 
 use crate::base::angle::sin_cos_deg;
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::mesh::clusters::Clusters;
-use crate::mesh::nearest::first_along;
+use crate::mesh::nearest::first_hit_along;
 
-/// Side of an object that faces the pad, in the object's own axes.
+/// The side of an object that faces the pad, in the object's own axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Side {
     /// The side towards +x.
@@ -30,15 +30,15 @@ impl Side {
     /// All six.
     pub const ALL: [Self; 6] = [Self::PlusX, Self::MinusX, Self::PlusY, Self::MinusY, Self::PlusZ, Self::MinusZ];
 
-    /// Turns this side towards the pad.
+    /// Returns the rotation that turns this side towards the pad.
     pub fn rotation(self) -> DMat3 {
         match self {
             Self::MinusZ => DMat3::IDENTITY,
-            Self::PlusZ => about(DVec3::X, 180.0),
-            Self::PlusX => about(DVec3::Y, 90.0),
-            Self::MinusX => about(DVec3::Y, -90.0),
-            Self::PlusY => about(DVec3::X, -90.0),
-            Self::MinusY => about(DVec3::X, 90.0),
+            Self::PlusZ => rotation_about(DVec3::X, 180.0),
+            Self::PlusX => rotation_about(DVec3::Y, 90.0),
+            Self::MinusX => rotation_about(DVec3::Y, -90.0),
+            Self::PlusY => rotation_about(DVec3::X, -90.0),
+            Self::MinusY => rotation_about(DVec3::X, 90.0),
         }
     }
 }
@@ -57,12 +57,12 @@ pub enum Anchor {
     Contact,
 }
 
-/// Where an object is: `sensor = rotation * object + translation`, mm.
+/// The placement of an object as plain arrays: `sensor = rotation * object + translation`, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Rows of the rotation matrix.
     pub rotation: [[f64; 3]; 3],
-    /// In the sensor's frame, mm.
+    /// Translation in the sensor's frame, mm.
     pub translation_mm: [f64; 3],
 }
 
@@ -71,18 +71,18 @@ pub struct Placement {
 pub struct Angles {
     /// Turn about z, from x towards y.
     pub yaw_deg: f64,
-    /// Then a turn about an axis in the pad's plane.
+    /// A turn about an axis in the pad's plane, after the yaw.
     pub tilt_deg: f64,
-    /// Direction of that axis, from x towards y.
+    /// Direction of the tilt's axis, from x towards y.
     pub tilt_azimuth_deg: f64,
 }
 
-/// The plane that an object is posed over: the flat pad, or one that touches a gel that is not flat.
+/// The plane that an object is posed over: the flat pad, or a plane that touches a curved gel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PadPlane {
-    /// From its axes to the sensor's: z is out of the gel.
+    /// From the plane's axes to the sensor's; z points out of the gel.
     pub axes: DMat3,
-    /// Where it touches the gel, in the sensor's frame, mm.
+    /// The point where the plane touches the gel, in the sensor's frame, mm.
     pub origin_mm: DVec3,
 }
 
@@ -93,43 +93,44 @@ impl Default for PadPlane {
 }
 
 impl PadPlane {
-    /// A point of the sensor's frame in it.
-    pub(crate) fn seen_from(&self, point_mm: DVec3) -> DVec3 {
+    /// Converts a point of the sensor's frame to the plane's frame.
+    pub(crate) fn point_in_plane(&self, point_mm: DVec3) -> DVec3 {
         self.axes.transpose() * (point_mm - self.origin_mm)
     }
 
-    /// In the sensor's frame, what is posed over it.
-    pub fn placed(&self, over: Pose) -> Pose {
-        // The flat pad's leaves every bit as it is.
+    /// Converts a pose over this plane to the sensor's frame.
+    pub fn pose_in_sensor(&self, over: Pose) -> Pose {
+        // The flat pad's plane returns the pose as it is, so that no bit changes.
         if *self == Self::default() { over } else { over.within(self.axes, self.origin_mm) }
     }
 }
 
-/// An object's place in the sensor's frame: p = rotation * q + translation.
+/// The pose of an object in the sensor's frame: p = rotation * q + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// From the object's axes to the sensor's.
     pub rotation: DMat3,
-    /// mm.
+    /// Translation, mm.
     pub translation_mm: DVec3,
-    /// The angles it was made from.
+    /// The angles that the rotation was made from.
     pub angles: Angles,
 }
 
 impl Pose {
-    /// The object's axes are the sensor's.
+    /// The pose in which the object's axes are the sensor's.
     pub const IDENTITY: Self = Self {
         rotation: DMat3::IDENTITY,
         translation_mm: DVec3::ZERO,
         angles: Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 },
     };
 
-    /// A place that is known: a rotation as a quaternion x, y, z, w of any length but 0, and a translation, mm. The angles
-    /// are those of an object whose side -z faces the pad, the tilt from 0 to 180 degrees.
-    pub fn placed(quaternion_xyzw: [f64; 4], translation_mm: [f64; 3]) -> Self {
+    /// Makes a pose from a rotation, as a quaternion x, y, z, w of any length but 0, and a translation, mm. The angles
+    /// are those of an object whose side -z faces the pad, with a tilt from 0 to 180 degrees.
+    pub fn from_quaternion(quaternion_xyzw: [f64; 4], translation_mm: [f64; 3]) -> Self {
         let rotation = DQuat::from_array(quaternion_xyzw).normalize();
         let turn = |about_z: f64, rest: f64| 2.0 * libm::atan2(about_z, rest).to_degrees();
-        // R = tilt * yaw, the yaw about z and the tilt about an axis across it. At half a turn of tilt any yaw would do.
+        // R = tilt * yaw: the yaw is about z, the tilt about an axis across it. With half a turn of tilt the yaw is
+        // arbitrary.
         let upside_down = rotation.z == 0.0 && rotation.w == 0.0;
         let yaw_deg = if upside_down { 0.0 } else { turn(rotation.z, rotation.w) };
         let tilt = rotation * DQuat::from_rotation_z(-yaw_deg.to_radians());
@@ -140,8 +141,8 @@ impl Pose {
         Self { rotation: DMat3::from_quat(rotation), translation_mm: DVec3::from_array(translation_mm), angles }
     }
 
-    /// Turns an object and places its anchor at `position_mm` and its lowest point at z = `lowest_mm` (negative: in
-    /// the pad).
+    /// Turns an object, and places its anchor at `position_mm` and its lowest point at z = `lowest_mm` (negative:
+    /// inside the pad).
     pub fn new(
         side: Side,
         angles: Angles,
@@ -153,12 +154,13 @@ impl Pose {
         Self::turned(side, angles).moved(position_mm, anchor, lowest_mm, object)
     }
 
-    /// Turns an object; its place is the frame's origin.
+    /// Turns an object; its origin stays at the frame's origin.
     pub fn turned(side: Side, angles: Angles) -> Self {
-        Self { rotation: rotation(side, angles), angles, ..Self::IDENTITY }
+        Self { rotation: object_rotation(side, angles), angles, ..Self::IDENTITY }
     }
 
-    /// The same rotation at another place; see [`Pose::new`].
+    /// Moves the turned object so that its anchor is at `position_mm` and its lowest point at z = `lowest_mm`; see
+    /// [`Pose::new`].
     pub fn moved(self, position_mm: [f64; 2], anchor: Anchor, lowest_mm: f64, object: &Clusters) -> Self {
         let rotation = self.rotation;
         let centre = rotation * DVec3::from_array(object.centre_mm());
@@ -173,7 +175,7 @@ impl Pose {
                 centre + DVec3::new(middle(DVec3::X), middle(DVec3::Y), 0.0)
             }
             Anchor::Contact => {
-                // Within a micrometre of the lowest point: a flat face counts with its middle.
+                // All vertices within a micrometre of the lowest count, so that a flat face touches with its centre.
                 let touching = object.extreme_point(towards_pad, lowest, 1e-3);
                 centre + rotation * DVec3::from_array(touching)
             }
@@ -183,28 +185,32 @@ impl Pose {
         Self { translation_mm, ..self }
     }
 
-    /// Turns an object by its yaw, then about the sensor's x, then about its y, degrees; its place is the frame's origin.
+    /// Turns an object by its yaw, then about the sensor's x, then about its y, degrees; its origin stays at the
+    /// frame's origin.
     pub fn rolled(side: Side, yaw_deg: f64, roll_deg: f64, pitch_deg: f64) -> Self {
-        let turn = about(DVec3::Y, pitch_deg) * about(DVec3::X, roll_deg) * about(DVec3::Z, yaw_deg);
+        let turn = rotation_about(DVec3::Y, pitch_deg)
+            * rotation_about(DVec3::X, roll_deg)
+            * rotation_about(DVec3::Z, yaw_deg);
         let quaternion = DQuat::from_mat3(&turn).normalize();
-        let Self { angles, .. } = Self::placed(quaternion.to_array(), [0.0; 3]);
+        let Self { angles, .. } = Self::from_quaternion(quaternion.to_array(), [0.0; 3]);
         Self { rotation: turn * side.rotation(), angles, ..Self::IDENTITY }
     }
 
-    /// Height over the undeformed pad at which the object's underside is on the sensor's axis, mm; `None` if the object is
-    /// beside the axis.
+    /// Returns the height of the object's underside on the sensor's axis over the undeformed pad, mm; `None` if the
+    /// object does not meet the axis.
     pub(crate) fn on_axis_mm(&self, object: &Clusters) -> Option<f64> {
         let back = self.rotation.transpose();
-        first_along(object, back * -self.translation_mm, back * DVec3::Z)
+        first_hit_along(object, back * -self.translation_mm, back * DVec3::Z)
     }
 
-    /// The same with the object's underside on the sensor's axis at z = `axis_mm`; `None` if the object is beside the axis.
+    /// Moves the object along z until its underside on the sensor's axis is at z = `axis_mm`; `None` if the object does
+    /// not meet the axis.
     pub fn with_axis_at(self, axis_mm: f64, object: &Clusters) -> Option<Self> {
         let by = axis_mm - self.on_axis_mm(object)?;
         Some(Self { translation_mm: self.translation_mm + DVec3::new(0.0, 0.0, by), ..self })
     }
 
-    /// The same with the object's lowest point at z = `lowest_mm`.
+    /// Moves the object along z until its lowest point is at z = `lowest_mm`.
     pub fn lowered(self, lowest_mm: f64, object: &Clusters) -> Self {
         let centre = self.rotation * DVec3::from_array(object.centre_mm());
         let lowest = object.extreme((self.rotation.transpose() * DVec3::NEG_Z).to_array());
@@ -212,27 +218,28 @@ impl Pose {
         Self { translation_mm: DVec3::new(x, y, lowest_mm + lowest - centre.z), ..self }
     }
 
-    /// Height of the placed object's lowest point over the undeformed pad, mm.
+    /// Returns the height of the object's lowest point over the undeformed pad, mm.
     pub fn lowest_mm(&self, object: &Clusters) -> f64 {
         let centre = self.rotation * DVec3::from_array(object.centre_mm()) + self.translation_mm;
         centre.z - object.extreme((self.rotation.transpose() * DVec3::NEG_Z).to_array())
     }
 
-    /// The same in a frame whose axes and origin lie so in the sensor's; it keeps the angles that it has in that frame.
+    /// Converts a pose in a frame to the sensor's frame, given the frame's axes and origin there. The angles are kept
+    /// as they are in that frame.
     pub fn within(self, rotation: DMat3, origin_mm: DVec3) -> Self {
         let translation_mm = rotation * self.translation_mm + origin_mm;
         Self { rotation: rotation * self.rotation, translation_mm, ..self }
     }
 
-    /// The same as a pad sees it that faces this one: in a frame turned half about y, with this one's origin. Its angles
-    /// are to the object turned so: R = tilt * yaw * (half a turn * face).
-    pub fn faced(self) -> Self {
+    /// Returns the pose as the opposite pad sees it: in a frame turned by half a turn about y, with the same origin.
+    /// The angles then refer to the object turned likewise: R = tilt * yaw * (half a turn * face).
+    pub fn seen_by_opposite_pad(self) -> Self {
         let Angles { yaw_deg, tilt_deg, tilt_azimuth_deg } = self.angles;
         let angles = Angles { yaw_deg: 0.0 - yaw_deg, tilt_deg, tilt_azimuth_deg: 180.0 - tilt_azimuth_deg };
         Self { angles, ..self.within(half_turn(), DVec3::ZERO) }
     }
 
-    /// The rotation as a unit quaternion x, y, z, w with w >= 0.
+    /// Returns the rotation as a unit quaternion x, y, z, w with w >= 0.
     pub fn quaternion_xyzw(&self) -> [f64; 4] {
         let q = DQuat::from_mat3(&self.rotation).normalize();
         let q = if q.w < 0.0 { -q } else { q };
@@ -240,7 +247,7 @@ impl Pose {
         [q.x, q.y, q.z, q.w].map(|v| v + 0.0)
     }
 
-    /// The same as plain arrays, for the depth stage.
+    /// Returns the pose as plain arrays.
     pub fn placement(&self) -> Placement {
         let rows = self.rotation.transpose();
         Placement {
@@ -250,21 +257,21 @@ impl Pose {
     }
 }
 
-/// Half a turn about y, exactly.
+/// Returns half a turn about y, exactly.
 fn half_turn() -> DMat3 {
     DMat3::from_diagonal(DVec3::new(-1.0, 1.0, -1.0))
 }
 
-/// The object's axes to the sensor's.
-fn rotation(side: Side, angles: Angles) -> DMat3 {
+/// Returns the rotation from the object's axes to the sensor's.
+fn object_rotation(side: Side, angles: Angles) -> DMat3 {
     let turned = side.rotation();
     let (sin, cos) = sin_cos_deg(angles.tilt_azimuth_deg);
     let tilt_axis = DVec3::new(cos, sin, 0.0);
-    about(tilt_axis, angles.tilt_deg) * about(DVec3::Z, angles.yaw_deg) * turned
+    rotation_about(tilt_axis, angles.tilt_deg) * rotation_about(DVec3::Z, angles.yaw_deg) * turned
 }
 
-/// Rotation by `angle_deg` about a unit `axis`, right-handed (Rodrigues).
-pub fn about(axis: DVec3, angle_deg: f64) -> DMat3 {
+/// Returns the right-handed rotation by `angle_deg` about a unit `axis` (Rodrigues).
+pub fn rotation_about(axis: DVec3, angle_deg: f64) -> DMat3 {
     let (sin, cos) = sin_cos_deg(angle_deg);
     let cross = DMat3::from_cols(
         DVec3::new(0.0, axis.z, -axis.y),
@@ -300,7 +307,7 @@ mod tests {
             (Side::PlusZ, DVec3::Z),
             (Side::MinusZ, DVec3::NEG_Z),
         ] {
-            let turned = rotation(face, LEVEL) * side;
+            let turned = object_rotation(face, LEVEL) * side;
             assert_eq!(turned, DVec3::NEG_Z, "{face:?} must face the camera exactly");
         }
     }
@@ -346,14 +353,14 @@ mod tests {
     fn a_pad_that_faces_another_sees_the_other_side_with_y_kept_and_the_angles_that_make_it() {
         let angles = Angles { yaw_deg: 33.0, tilt_deg: 12.0, tilt_azimuth_deg: 57.0 };
         let pose = Pose::new(Side::PlusX, angles, [1.0, -2.0], Anchor::Bounds, -0.8, &brick());
-        let faced = pose.faced();
+        let faced = pose.seen_by_opposite_pad();
         let q = DVec3::new(0.3, 1.7, -4.0);
         let (here, there) = (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
         assert_eq!(there, DVec3::new(-here.x, here.y, -here.z));
-        let made = Pose { rotation: rotation(Side::MinusZ, faced.angles), ..Pose::IDENTITY };
+        let made = Pose { rotation: object_rotation(Side::MinusZ, faced.angles), ..Pose::IDENTITY };
         let by_angles = made.rotation * half_turn() * Side::PlusX.rotation();
         assert!(by_angles.abs_diff_eq(faced.rotation, 1e-14), "{by_angles} {}", faced.rotation);
-        assert_eq!(faced.faced().rotation, pose.rotation);
+        assert_eq!(faced.seen_by_opposite_pad().rotation, pose.rotation);
     }
 
     #[test]
@@ -362,11 +369,15 @@ mod tests {
             [(0.0, 0.0, 0.0), (30.0, 20.0, 70.0), (-140.0, 90.0, -160.0), (179.0, 1e-6, 10.0), (0.0, 180.0, 45.0)];
         for (yaw_deg, tilt_deg, tilt_azimuth_deg) in cases {
             let angles = Angles { yaw_deg, tilt_deg, tilt_azimuth_deg };
-            let made = Pose { rotation: rotation(Side::MinusZ, angles), ..Pose::IDENTITY };
-            let placed = Pose::placed(made.quaternion_xyzw(), [1.0, 2.0, 3.0]);
+            let made = Pose { rotation: object_rotation(Side::MinusZ, angles), ..Pose::IDENTITY };
+            let placed = Pose::from_quaternion(made.quaternion_xyzw(), [1.0, 2.0, 3.0]);
             assert_eq!(placed.translation_mm, DVec3::new(1.0, 2.0, 3.0));
             assert!(placed.rotation.abs_diff_eq(made.rotation, 1e-12));
-            assert!(rotation(Side::MinusZ, placed.angles).abs_diff_eq(made.rotation, 1e-12), "{:?}", placed.angles);
+            assert!(
+                object_rotation(Side::MinusZ, placed.angles).abs_diff_eq(made.rotation, 1e-12),
+                "{:?}",
+                placed.angles
+            );
             if tilt_deg > 0.0 && tilt_deg < 180.0 {
                 let found = [placed.angles.yaw_deg, placed.angles.tilt_deg, placed.angles.tilt_azimuth_deg];
                 for (found, made) in found.into_iter().zip([yaw_deg, tilt_deg, tilt_azimuth_deg]) {

@@ -1,4 +1,4 @@
-//! A sensor as the simulator knows it: numbers and images.
+//! A sensor as the simulator knows it: numbers and images, and what makes them impossible to simulate.
 
 use std::sync::Arc;
 
@@ -8,10 +8,10 @@ use crate::camera::CameraParams;
 use crate::camera::markers::{MarkerPattern, MarkerPrint};
 use crate::camera::pins::Pins;
 use crate::camera::projection::{LensModel, Projection};
-use crate::depth::rest::{Grain, RestSurface};
+use crate::depth::rest_surface::{Grain, RestSurface};
 use crate::gelpad::material::Material;
 use crate::optics::background::{BackgroundImage, RenderedBackground};
-use crate::optics::calibrated::Table;
+use crate::optics::calibrated::CalibrationTable;
 use crate::optics::lamps::{self, Lamp};
 use crate::optics::led::Led;
 use crate::optics::residual::LightResidual;
@@ -19,11 +19,11 @@ use crate::optics::{Illumination, LightSource};
 
 /// A camera-based tactile sensor.
 ///
-/// Every field may be changed before [`Simulator::new`](crate::simulator::Simulator::new) checks all of them.
+/// Every field is public and may be changed; [`Simulator::new`](crate::simulator::Simulator::new) checks all of them.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Sensor {
-    /// Name written to labels.
+    /// Name that is written to labels.
     pub name: String,
     /// Width and height of the image, px, 1 to 8192.
     pub resolution_px: [usize; 2],
@@ -31,15 +31,15 @@ pub struct Sensor {
     pub field_of_view_mm: [f64; 2],
     /// The gelpad.
     pub gelpad: Material,
-    /// Shape of a gel that a camera inside sees through [`Sensor::lens`]. `None`: it is flat, or nearly.
+    /// Shape of a gel that a camera inside it sees through [`Sensor::lens`]. `None`: the pad is flat, or nearly.
     pub shape: Option<GelShape>,
-    /// The camera's lens and place, with such a gel.
+    /// Lens and position of that camera; used with a [`shape`](Sensor::shape) only.
     pub lens: LensModel,
-    /// Pins inside such a gel.
+    /// Pins inside the gel; they need a [`shape`](Sensor::shape).
     pub pins: Option<Pins>,
-    /// Height of a pad that is nearly flat.
+    /// Height of a pad that is nearly flat; `None` if it is flat.
     pub rest_surface: Option<RestSurface>,
-    /// Relief of the pad's coating.
+    /// Relief of the pad's coating; `None` if it is smooth.
     pub coating: Option<Grain>,
     /// The image without contact.
     pub background: Background,
@@ -47,18 +47,19 @@ pub struct Sensor {
     pub leds: Vec<Led>,
     /// The lamps, for the optics model `lamps`: none, or six.
     pub lamps: Vec<Lamp>,
-    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1; an optics model may say otherwise.
+    /// Fraction of the light that is lost where the pad is pressed down to the shell, 0 to 1. An optics model may set
+    /// another.
     pub darkening: f64,
-    /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
-    /// that image. Without it nothing is scaled.
+    /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what the LEDs add is scaled by the
+    /// rest of that image. `None`: it is not scaled.
     pub stray_light: Option<[f64; 3]>,
-    /// Light that the LEDs leave unexplained, for the same models.
+    /// Light that the LEDs leave unexplained, for the optics models `phong` and `led`.
     pub light_residual: Option<Arc<LightResidual>>,
     /// Calibrated optics, for the optics model `calibrated`.
-    pub calibration: Option<Arc<Table>>,
-    /// Dots printed on the pad.
+    pub calibration: Option<Arc<CalibrationTable>>,
+    /// Dots printed on the pad; `None` if there are none.
     pub markers: Option<Markers>,
-    /// The camera.
+    /// The camera's parameters.
     pub camera: CameraParams,
 }
 
@@ -66,14 +67,14 @@ pub struct Sensor {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Background {
-    /// Rendered from the LEDs; on a sensor with lamps, from these alone.
+    /// Rendered from the LEDs; on a sensor with lamps, from the lamps alone.
     Rendered(RenderedBackground),
-    /// Taken by the camera itself, of the sensor's resolution.
+    /// A photograph by the sensor's own camera, in the sensor's resolution.
     Photograph(Arc<BackgroundImage>),
 }
 
 impl Background {
-    /// Size of the grain of one that is rendered, mm.
+    /// Returns the size of the grain of a rendered background, mm; `None` for a photograph.
     pub(crate) fn grain_size_mm(&self) -> Option<f64> {
         match self {
             Self::Rendered(look) => Some(look.grain_size_mm),
@@ -85,13 +86,13 @@ impl Background {
 /// Dots printed on the pad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Markers {
-    /// Their ink.
+    /// Their ink and edge.
     pub print: MarkerPrint,
-    /// The grid on which they are printed; `None` if it is said with each press.
+    /// The grid on which they are printed; `None` if each press has its own.
     pub pattern: Option<MarkerPattern>,
 }
 
-/// Why a sensor cannot be simulated.
+/// The reason why a sensor cannot be simulated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensorError {
@@ -101,35 +102,35 @@ pub enum SensorError {
     /// A number is out of range.
     #[error("{name} is {value}; it must be {allowed}")]
     Number {
-        /// The field.
+        /// The field's name.
         name: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What it may be.
+        /// The values that are allowed.
         allowed: &'static str,
     },
-    /// It has some lamps, but not as many as the optics model `lamps` takes.
-    #[error("the sensor has {0} lamps; a sensor has none or {count}", count = lamps::COUNT)]
+    /// It has lamps, but not as many as the optics model `lamps` takes.
+    #[error("the sensor has {0} lamps; a sensor has none or {count}", count = lamps::LAMP_COUNT)]
     Lamps(usize),
-    /// It has pins, and a flat gel.
+    /// It has pins, but its gel is flat.
     #[error("a sensor with pins needs the shape of its gel")]
     Pins,
-    /// The camera looks past the gel.
+    /// The camera sees no gel.
     #[error("the camera sees no gel: move it, or turn it towards the gel")]
     NoGelInView,
     /// The photograph of the untouched pad has another size than the sensor's image.
     #[error("the background image has {found:?} px, the sensor {expected:?}")]
     BackgroundSize {
-        /// Of the photograph.
+        /// Width and height of the photograph, px.
         found: [usize; 2],
-        /// Of the sensor.
+        /// Width and height of the sensor's image, px.
         expected: [usize; 2],
     },
 }
 
 impl Sensor {
-    /// A flat pad seen by an ideal camera: no LEDs, no markers, its background image rendered. `gelpad` is lit by what is added
-    /// to [`Sensor::leds`].
+    /// Makes a sensor with a flat pad and an ideal camera: no LEDs, no markers, and a rendered background image. Light
+    /// it by pushing LEDs onto [`Sensor::leds`].
     pub fn new(name: &str, resolution_px: [usize; 2], field_of_view_mm: [f64; 2], gelpad: Material) -> Self {
         Self {
             name: name.to_owned(),
@@ -153,29 +154,31 @@ impl Sensor {
         }
     }
 
-    /// The same with an image of another size, of the same field of view.
+    /// Changes the size of the image; the field of view stays as it is.
     pub fn with_resolution(mut self, resolution_px: [usize; 2]) -> Self {
         self.resolution_px = resolution_px;
         self
     }
 
-    /// Its view: the only place that knows where a pixel lies on the pad. Of a gel that is not flat, that of its chart.
+    /// Returns the view: the only place that knows where a pixel lies on the pad. For a gel that is not flat, it is the
+    /// view of a chart.
     pub fn view(&self) -> View {
         if let Some(shape) = &self.shape
             && let Some(view) = self.projection().chart_view(shape)
         {
             return view;
         }
+        // A sensor that has not been checked yet may have no pixels.
         let mm_per_px = std::array::from_fn(|k| self.field_of_view_mm[k] / self.resolution_px[k].max(1) as f64);
         View { resolution_px: self.resolution_px, mm_per_px }
     }
 
-    /// Its camera, with a gel that is not flat.
+    /// Returns the projection of the camera inside a gel that is not flat.
     pub fn projection(&self) -> Projection {
         Projection::new(&self.lens, self.resolution_px, self.field_of_view_mm)
     }
 
-    /// Width and height of what its view holds, mm.
+    /// Returns the width and height of what the view shows, mm.
     pub(crate) fn window_mm(&self) -> [f64; 2] {
         match &self.shape {
             None => self.field_of_view_mm,
@@ -186,44 +189,48 @@ impl Sensor {
         }
     }
 
-    /// The background image of its resolution.
+    /// Returns the background image in the sensor's resolution; renders it if there is no photograph.
     pub fn background(&self) -> Arc<BackgroundImage> {
         match &self.background {
             Background::Photograph(photograph) => Arc::clone(photograph),
             Background::Rendered(_) if !self.lamps.is_empty() => {
-                Arc::new(lamps::Shader::new(&self.lamps, &self.view()).background())
+                Arc::new(lamps::LampShader::new(&self.lamps, &self.view()).render_background())
             }
             Background::Rendered(look) => {
-                Arc::new(BackgroundImage::rendered(look, &self.leds, self.field_of_view_mm, &self.view()))
+                Arc::new(BackgroundImage::render(look, &self.leds, self.field_of_view_mm, &self.view()))
             }
         }
     }
 
-    /// Its light, beside the background image.
+    /// Returns what decides the light, besides the background image.
     pub(crate) fn illumination(&self) -> Illumination<'_> {
         Illumination {
             leds: &self.leds,
             lamps: &self.lamps,
             field_of_view_mm: self.field_of_view_mm,
             thickness_mm: self.gelpad.thickness_mm,
-            photograph: self.has_photograph(),
+            is_photograph: self.has_photograph(),
             darkening: self.darkening,
             stray_light: self.stray_light,
             residual: self.light_residual.as_deref(),
         }
     }
 
-    /// What is known of its light.
+    /// Returns what is known of the sensor's light.
     pub fn light_source(&self) -> LightSource {
         LightSource::new(self.calibration.is_some(), &self.lamps)
     }
 
-    /// True if the background image was taken by the camera itself.
+    /// Returns true if the background image is a photograph.
     pub fn has_photograph(&self) -> bool {
         matches!(self.background, Background::Photograph(_))
     }
 
-    /// The first thing about it that makes it impossible to simulate.
+    /// Checks that the sensor can be simulated.
+    ///
+    /// # Errors
+    ///
+    /// The first thing that makes it impossible.
     pub fn check(&self) -> Result<(), SensorError> {
         if !self.resolution_px.iter().all(|px| (1..=MOST_PX).contains(px)) {
             return Err(SensorError::Resolution(self.resolution_px));
@@ -247,7 +254,7 @@ impl Sensor {
             }
             _ => {}
         }
-        if !self.lamps.is_empty() && self.lamps.len() != lamps::COUNT {
+        if !self.lamps.is_empty() && self.lamps.len() != lamps::LAMP_COUNT {
             return Err(SensorError::Lamps(self.lamps.len()));
         }
         let mut numbers = self.lamps.iter().flat_map(Lamp::numbers);

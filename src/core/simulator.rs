@@ -1,32 +1,32 @@
-//! READ FIRST: the whole simulator on one page, a pure function from a press to a tactile image.
+//! READ FIRST: the entire simulator on one page, a pure function from a press to a tactile image.
 //!
-//! [`Simulator::new`] is the costly part and is shared by threads; a press fails only on what no sensor can be pressed with
-//! ([`PressError`]).
+//! [`Simulator::new`] is the costly part, and threads share what it makes. A press fails only on what no sensor can be
+//! pressed with ([`PressError`]).
 
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-use crate::base::clock::{Clock, Seconds};
+use crate::base::clock::{Seconds, ThreadClock};
 use crate::base::grid::{Grid, Rect};
 use crate::base::light::Light;
 use crate::base::view::View;
 use crate::camera::markers::{MarkerPattern, MarkerPositions};
 use crate::camera::{Camera, CameraParams, Image};
-use crate::curved::{Curved, CurvedPress, PressedGel};
-use crate::depth::beyond::Surroundings;
+use crate::curved::{CurvedGel, CurvedPressInput, CurvedPressResult};
 use crate::depth::indenter::{Indenter, Shape};
+use crate::depth::outside_window::OutsideCapture;
 use crate::depth::texture::{Texture, TexturePlacement, TextureSample};
-use crate::depth::{self, Depth, Window};
+use crate::depth::{self, CaptureWindow, Depth};
 use crate::effects::{Effect, EffectLog, EffectPolicy, Requirement};
 use crate::fidelity::Models;
-use crate::gelpad::elastic::friction::Drag;
-use crate::gelpad::elastic::inplane::InPlane;
+use crate::gelpad::elastic::friction::FrictionDisplacement;
+use crate::gelpad::elastic::in_plane::InPlaneResponse;
 use crate::gelpad::elastic::model_error::curvature_error_mm;
 use crate::gelpad::elastic::shear::{Friction, Motion};
-use crate::gelpad::object::ObjectMaterial;
-use crate::gelpad::sliding::{FramePad, Sliding};
-use crate::gelpad::tangential::{Shear, tangential};
-use crate::gelpad::total_contact::total_contact;
+use crate::gelpad::object_material::ObjectMaterial;
+use crate::gelpad::sliding::{Sliding, SlidingPad};
+use crate::gelpad::tangential::{Shear, solve_tangential_motion};
+use crate::gelpad::total_contact::measure_total_contact;
 use crate::gelpad::{self, Contact, Pad, subpixel};
 use crate::impression::{Impression, SlidingState};
 use crate::optics::background::BackgroundImage;
@@ -35,9 +35,9 @@ use crate::pose::{PadPlane, Pose};
 use crate::sensor::{Markers, Sensor};
 
 mod frames;
-mod ready;
+mod prepare;
 
-/// Everything about a sensor that is the same in every press, computed once.
+/// A sensor prepared for presses: everything that is the same in every press, computed once.
 ///
 /// Threads share it by reference: a press changes nothing in it.
 pub struct Simulator {
@@ -46,51 +46,52 @@ pub struct Simulator {
     policy: EffectPolicy,
     view: View,
     background: Arc<BackgroundImage>,
-    /// Noise of a rendered background's grain.
-    noise: Option<Arc<Grid<f32>>>,
+    /// Noise of the grain of a rendered background.
+    grain_noise: Option<Arc<Grid<f32>>>,
+    /// How far a curved pad lies below its highest point, mm.
     drop_mm: Option<Arc<Grid<f32>>>,
-    /// What the light sees of a pad that is not smooth and flat.
+    /// Relief of a pad that is not smooth and flat, as the light sees it.
     relief: Option<Arc<Grid<f32>>>,
     pad: Arc<Pad>,
-    /// The same as an object that slides sees it, once one does.
-    frame_pad: Arc<OnceLock<FramePad>>,
-    /// The sensor's markers, unless they are left out.
+    /// The pad under objects that slide, prepared when the first sequence begins.
+    frame_pad: Arc<OnceLock<SlidingPad>>,
+    /// The sensor's markers, unless the policy leaves them out.
     markers: Option<Markers>,
-    /// In-plane motion of the pad is wanted for itself.
-    flow: bool,
-    /// In-plane motion of the pad, where it is wanted or markers show it.
-    in_plane: Option<Arc<InPlane>>,
+    /// True if every press computes in-plane motion, even if neither markers nor pins show it.
+    wants_flow: bool,
+    /// What gives the pad's in-plane motion; `None` if nothing needs it.
+    in_plane: Option<Arc<InPlaneResponse>>,
     shader: Arc<Shader>,
-    /// The grey images of the sensor's lamps, whatever the model of the light.
-    lamps: Option<Arc<lamps::Shader>>,
+    /// The grey images of the sensor's lamps, whatever the optics model.
+    lamps: Option<Arc<lamps::LampShader>>,
     camera: Arc<Camera>,
-    /// A gel that is not flat, and the pins inside it.
-    curved: Option<Arc<Curved>>,
+    /// The gel and the pins inside it, if it is not flat.
+    curved: Option<Arc<CurvedGel>>,
 }
 
-/// What happens in one press.
+/// One press: an object, how it moves, and what the sensor leaves to each press.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct Press {
-    /// What is pressed into the pad, and where.
+    /// The object that is pressed into the pad, and where.
     pub indenter: Indenter,
-    /// Micro-texture of the indenter. `None` if no press of the kind has any.
+    /// Micro-texture of the indenter; `None` if it has none.
     pub texture: Option<Texture>,
-    /// What the indenter is made of. A frame of a sequence takes it for rigid.
+    /// Material of the indenter. A frame of a sequence takes it as rigid.
     pub material: ObjectMaterial,
-    /// How the indenter then moves in the pad's plane. `None` if in no press of the kind it does.
+    /// How the indenter, once pressed in, moves in the pad's plane; `None` if it does not.
     pub shear: Option<Shear>,
-    /// The grid on which markers are printed, on a sensor that has markers.
+    /// The grid on which markers are printed, on a sensor that has markers; `None` prints none.
     pub markers: Option<MarkerPattern>,
     /// The camera's parameters.
     pub camera: CameraParams,
-    /// Key of what differs between units of a sensor with pins.
+    /// Key of the differences between units of a sensor with pins.
     pub unit_key: u64,
-    /// The plane that the indenter is posed over: the flat pad, or one that touches a gel that is not flat.
+    /// The plane over which the indenter is posed: that of the flat pad, or one that touches a gel that is not flat.
     pub plane: PadPlane,
 }
 
-/// Why something cannot be pressed.
+/// The reason why something cannot be pressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PressError {
@@ -108,17 +109,17 @@ pub enum PressError {
     /// A number is NaN or infinite.
     #[error("the {0} of the press is NaN or infinite")]
     NotFinite(&'static str),
-    /// What slides was begun by the simulator of another sensor.
+    /// The sequence was begun by the simulator of another sensor.
     #[error("the sequence was begun on another sensor: begin it with `sliding` of this simulator")]
     OtherSensor,
 }
 
-/// An object captured and the pad under it, before the light.
-struct Touched {
+/// A captured object and the pad under it, before the light.
+struct CapturedContact {
     depth: Depth,
     contact: Contact,
-    /// What of the object was captured.
-    window: Window,
+    /// The window in which the object was captured.
+    window: CaptureWindow,
 }
 
 impl Simulator {
@@ -126,29 +127,30 @@ impl Simulator {
     ///
     /// # Panics
     ///
-    /// Where [`Simulator::try_press`] gives an error.
+    /// If [`Simulator::try_press`] returns an error.
     pub fn press(&self, indenter: &Indenter) -> Impression {
         self.press_with(&Press::new(indenter.clone(), &self.sensor))
     }
 
-    /// Presses with texture, motion in the pad's plane, and markers and camera of its own.
+    /// Presses an object with the texture, motion, markers and camera of `press`.
     ///
     /// # Panics
     ///
-    /// Where [`Simulator::try_press`] gives an error.
+    /// If [`Simulator::try_press`] returns an error.
     pub fn press_with(&self, press: &Press) -> Impression {
         self.try_press(press).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Presses with texture, motion in the pad's plane, and markers and camera of its own.
+    /// Presses an object with the texture, motion, markers and camera of `press`, and returns what cannot be pressed as
+    /// an error.
     ///
     /// # Errors
     ///
-    /// If the indenter is a height map of another size than the sensor's image, or one that is pressed into a gel that has a
+    /// If the indenter is a height map of another size than the sensor's image, or a height map over a gel that has a
     /// shape, or if a number of the press is NaN or infinite.
     pub fn try_press(&self, press: &Press) -> Result<Impression, PressError> {
         self.check_press(press)?;
-        Ok(self.pressed(press, None))
+        Ok(self.render_press(press, None))
     }
 
     fn check_press(&self, press: &Press) -> Result<(), PressError> {
@@ -161,39 +163,42 @@ impl Simulator {
                 return Err(PressError::HeightMapSize { found, expected });
             }
         }
-        press.numbers_are_finite()
+        press.check_finite()
     }
 
-    /// Normal force of the whole object on the pad, in view and beyond, N: to the bit what [`Simulator::press_with`] has as
-    /// `contact.total.total_force_n`, on a flat pad without its light and image. `None` where that is not known.
+    /// Returns the normal force of the entire object on the pad, in view and outside it, N; `None` where it is not
+    /// known.
+    ///
+    /// It equals `contact.total.total_force_n` of [`Simulator::press_with`] to the bit. On a flat pad, neither light
+    /// nor image is computed.
     ///
     /// # Panics
     ///
-    /// Where [`Simulator::try_press`] gives an error.
+    /// If [`Simulator::try_press`] returns an error.
     pub fn total_force_n(&self, press: &Press) -> Option<f64> {
         self.check_press(press).unwrap_or_else(|error| panic!("{error}"));
         if self.curved.is_some() {
             return self.press_with(press).contact.total.total_force_n;
         }
-        let own_pad = self.pad.under(&press.material);
-        let (mut clock, mut seconds) = (Clock::start(), Seconds::default());
+        let own_pad = self.pad.with_object_material(&press.material);
+        let (mut clock, mut seconds) = (ThreadClock::start(), Seconds::default());
         let mut effects = EffectLog::new(self.policy);
         let pad = own_pad.as_ref().unwrap_or(&self.pad);
-        self.touched(press, pad, None, &mut clock, &mut seconds, &mut effects).contact.total.total_force_n
+        self.compute_contact(press, pad, None, &mut clock, &mut seconds, &mut effects).contact.total.total_force_n
     }
 
-    /// What holds the pad to the object while it is pressed in, if anything does.
-    fn held(&self, press: &Press) -> Option<Friction> {
-        self.models.gelpad.friction().map(|held| press.material.friction.unwrap_or(held))
+    /// Returns the friction between pad and object while it is pressed in; `None` if there is none.
+    fn holding_friction(&self, press: &Press) -> Option<Friction> {
+        self.models.gelpad.friction().map(|friction| press.material.friction.unwrap_or(friction))
     }
 
-    /// The same on a gel that is not flat.
-    fn pressed_into(&self, curved: &Curved, press: &Press, sliding: Option<&mut Sliding>) -> Impression {
+    /// Presses an object into a gel that is not flat; with `sliding`, in a frame of a sequence.
+    fn press_curved_gel(&self, curved: &CurvedGel, press: &Press, sliding: Option<&mut Sliding>) -> Impression {
         let mut seconds = Seconds::default();
         let mut effects = EffectLog::new(self.policy);
-        let camera = press.camera.under(self.policy);
-        let (own_pad, shear) = (self.pad.under(&press.material), press.sheared());
-        let gel = PressedGel {
+        let camera = press.camera.with_policy(self.policy);
+        let (own_pad, shear) = (self.pad.with_object_material(&press.material), press.shear_with_friction());
+        let gel = CurvedPressInput {
             indenter: &press.indenter,
             plane: &press.plane,
             texture: press.texture.as_ref(),
@@ -201,13 +206,13 @@ impl Simulator {
             unit_key: press.unit_key,
             pad: own_pad.as_ref().unwrap_or(&self.pad),
             in_plane: self.in_plane.as_deref(),
-            held: self.held(press),
+            press_friction: self.holding_friction(press),
             material: &self.sensor.gelpad,
         };
-        let CurvedPress { depth, contact, map, pins, wrench, slid, light, above_mm } =
+        let CurvedPressResult { depth, contact, map, pins, wrench, sliding: sliding_state, light, above_mm } =
             curved.press(&gel, sliding, &mut seconds, &mut effects);
-        let mut clock = Clock::start();
-        let touched = map.mask(&contact.mask);
+        let mut clock = ThreadClock::start();
+        let touched = map.warp_mask(&contact.mask);
         let image = self.camera.expose(light.into(), Some(&touched), None, &camera, &mut effects);
         let differ = self.sensor.pins.as_ref().is_some_and(|pins| pins.size_jitter > 0.0 || pins.place_jitter_mm > 0.0);
         let need = match (contact.region.is_empty(), differ) {
@@ -222,7 +227,7 @@ impl Simulator {
             image,
             depth,
             contact,
-            sliding: slid,
+            sliding: sliding_state,
             markers: None,
             pins,
             wrench,
@@ -238,106 +243,121 @@ impl Simulator {
         }
     }
 
-    /// The object captured, and the pad under it: the stages before the light. `drag` is what tractions of a sequence displace.
-    fn touched(
+    /// Captures the object and deforms the pad: the stages before the light. In a sequence `drag` is `Some`, with the
+    /// displacement by its tractions if that is not negligible.
+    fn compute_contact(
         &self,
         press: &Press,
         pad: &Pad,
-        drag: Option<Option<&Drag>>,
-        clock: &mut Clock,
+        drag: Option<Option<&FrictionDisplacement>>,
+        clock: &mut ThreadClock,
         seconds: &mut Seconds,
         effects: &mut EffectLog,
-    ) -> Touched {
+    ) -> CapturedContact {
         let Press { indenter, texture, .. } = press;
         let thickness_mm = self.sensor.gelpad.thickness_mm;
-        let mut window = pad.window(indenter.depth_mm);
-        let mut beyond = None;
+        let mut window = pad.capture_window(indenter.depth_mm);
+        let mut outside = None;
         loop {
-            // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around it.
+            // How far the object reaches below the undeformed pad, at every pixel of the view and of a margin around
+            // it.
             let (texture, drop_mm) = (texture.as_ref(), self.drop_mm.as_deref());
-            let depth = depth::penetration(indenter, texture, drop_mm, thickness_mm, &self.view, window, effects);
+            let depth =
+                depth::capture_penetration(indenter, texture, drop_mm, thickness_mm, &self.view, window, effects);
             seconds.depth += clock.lap();
 
-            // What touches the pad beyond that, if anything does.
-            let beyond = beyond.get_or_insert_with(|| {
-                let unless = |effect| self.policy != EffectPolicy::Without(effect);
-                let texture = texture.filter(|_| unless(Effect::Texture));
-                let drop_mm = drop_mm.filter(|_| unless(Effect::RestShape));
-                Surroundings::new(indenter, texture, drop_mm, thickness_mm, &self.view, window.margin_px)
-                    .map(|around| effects.timed(Effect::Deformation, || pad.beyond(&around)))
+            // What touches the pad outside that window, if anything does. It is solved once: a higher window has the
+            // same margin.
+            let outside = outside.get_or_insert_with(|| {
+                let keeps = |effect| self.policy != EffectPolicy::Without(effect);
+                let texture = texture.filter(|_| keeps(Effect::Texture));
+                let drop_mm = drop_mm.filter(|_| keeps(Effect::RestShape));
+                OutsideCapture::new(indenter, texture, drop_mm, thickness_mm, &self.view, window.margin_px)
+                    .map(|around| effects.run_timed(Effect::Deformation, || pad.solve_outside_window(&around)))
             });
-            // The shape that an object takes which is not rigid.
-            let (depth, shaped) = gelpad::shaped(pad, depth, beyond.as_ref(), window, effects);
-            // The elastomer's surface and where it touches. Rarely it bulges higher than the object was captured.
+            // An elastic object takes another shape under its load.
+            let (depth, object_converged) = gelpad::deform_object(pad, depth, outside.as_ref(), window, effects);
+            // The pad's surface and where it touches. Rarely it bulges higher than the object was captured; then a
+            // higher window is captured, and the contact is solved again.
             let markers = self.in_plane.is_some();
-            let mut contact = gelpad::deform(pad, &depth, beyond.as_ref(), drag, markers, effects);
-            contact.numerics.converged &= shaped;
+            let mut contact = gelpad::deform_pad(pad, &depth, outside.as_ref(), drag, markers, effects);
+            contact.numerics.converged &= object_converged;
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
-            let (shape, beyond) = (&indenter.shape, beyond.as_ref());
-            contact.total = total_contact(shape, &depth, beyond, &mut contact, youngs_modulus_kpa, &self.view);
+            let (shape, outside) = (&indenter.shape, outside.as_ref());
+            contact.total = measure_total_contact(shape, &depth, outside, &mut contact, youngs_modulus_kpa, &self.view);
             seconds.gelpad += clock.lap();
-            match pad.higher(window, &contact) {
+            match pad.higher_window(window, &contact) {
                 Some(higher) => window = higher,
-                None => return Touched { depth, contact, window },
+                None => return CapturedContact { depth, contact, window },
             }
         }
     }
 
-    fn pressed(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
+    fn render_press(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> Impression {
         if let Some(curved) = &self.curved {
-            return self.pressed_into(curved, press, sliding);
+            return self.press_curved_gel(curved, press, sliding);
         }
         let Press { indenter, texture, material, markers, camera, .. } = press;
-        let mut clock = Clock::start();
+        let mut clock = ThreadClock::start();
         let mut seconds = Seconds::default();
         let mut effects = EffectLog::new(self.policy);
-        let camera = camera.under(self.policy);
+        let camera = camera.with_policy(self.policy);
 
-        let unseen_mm = if let Pad::Elastic(pad) = &*self.pad { pad.unseen_mm() } else { 0.0 };
-        let drag = sliding.as_mut().map(|sliding| effects.timed(Effect::Friction, || sliding.drag(unseen_mm)));
-        // A sequence has a friction of its own, and takes objects for rigid.
-        let own_pad = self.pad.under(material).filter(|_| sliding.is_none());
+        let negligible_mm = if let Pad::Elastic(pad) = &*self.pad { pad.negligible_mm() } else { 0.0 };
+        let drag = sliding
+            .as_mut()
+            .map(|sliding| effects.run_timed(Effect::Friction, || sliding.friction_displacement(negligible_mm)));
+        // A sequence has its own friction, and takes objects as rigid.
+        let own_pad = self.pad.with_object_material(material).filter(|_| sliding.is_none());
         let pad = own_pad.as_ref().unwrap_or(&self.pad);
         let drag = drag.as_ref().map(Option::as_ref);
-        let Touched { depth, mut contact, window } =
-            self.touched(press, pad, drag, &mut clock, &mut seconds, &mut effects);
+        let CapturedContact { depth, mut contact, window } =
+            self.compute_contact(press, pad, drag, &mut clock, &mut seconds, &mut effects);
+        // The contact was solved on a flat layer: a curved pad adds to the error of that model.
         if let (Some(drop_mm), Ok(error_um)) = (self.drop_mm.as_deref(), contact.numerics.model_error_um.as_mut()) {
             let depth_mm = f64::from(depth.deepest_mm);
             *error_um += 1e3 * curvature_error_mm(depth_mm, &contact.mask, drop_mm, self.view.mm_per_px);
         }
-        // Between pixel centres, where it bends within a pixel.
-        let scene = subpixel::Scene {
+        // Samples between the pixel centres, for pixels within which the surface bends.
+        let scene = subpixel::SubpixelInput {
             pad,
             indenter,
             window,
             depth: &depth,
-            retouched: texture.is_some() || self.drop_mm.is_some() || material.soft.is_some(),
+            has_texture_or_drop: texture.is_some() || self.drop_mm.is_some() || material.soft.is_some(),
             contact: &contact,
             view: &self.view,
-            averages: self.shader.averages(),
+            averages_light: self.shader.averages_within_pixels(),
         };
-        contact.subpixel = subpixel::sample(&scene, &mut effects);
+        contact.subpixel = subpixel::sample_subpixels(&scene, &mut effects);
         seconds.gelpad += clock.lap();
-        // The motion of the elastomer in its own plane, where markers show it.
+        // The motion of the pad in its own plane, where something shows it.
         let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
-        let (held, shear) = (self.held(press), press.sheared());
+        let (press_friction, shear) = (self.holding_friction(press), press.shear_with_friction());
         let sliding = sliding.as_deref();
-        contact.tangential =
-            tangential(in_plane, &self.sensor.gelpad, load, held, shear.as_ref(), sliding, &mut effects);
+        contact.tangential = solve_tangential_motion(
+            in_plane,
+            &self.sensor.gelpad,
+            load,
+            press_friction,
+            shear.as_ref(),
+            sliding,
+            &mut effects,
+        );
         seconds.gelpad += clock.lap();
 
         // The light that the surface sends to the camera.
         let light = self.shader.shade(&contact, &self.background, &mut effects);
         seconds.optics = clock.lap();
 
-        // 8-bit RGB.
+        // The camera's image, 8-bit RGB.
         let markers = self.markers.zip(*markers).map(|(markers, pattern)| {
             let moved_by = contact.tangential.as_ref().map(|tangential| &tangential.field);
-            effects.timed(Effect::Markers, || markers.print.positions(&pattern, moved_by, &self.view))
+            effects.run_timed(Effect::Markers, || markers.print.carried_positions(&pattern, moved_by, &self.view))
         });
         let before = effects.seconds[Effect::Shading];
         let image = self.camera.expose(light, Some(&contact.mask), markers.as_ref(), &camera, &mut effects);
-        // The camera asks for the light as it goes.
+        // Light is shaded only when the camera needs it, but its time counts as that of the optics.
         let shading = effects.seconds[Effect::Shading] - before;
         seconds.optics += shading;
         seconds.camera = clock.lap() - shading;
@@ -348,7 +368,7 @@ impl Simulator {
         let sliding = sliding.map(|sliding| SlidingState {
             slip: sliding.slip(),
             wrench: sliding.wrench(),
-            states: sliding.states(&contact.mask, &view),
+            states: sliding.stick_slip_states(&contact.mask, &view),
         });
         let (pins, wrench, gel_map) = (None, None, None);
         Impression {
@@ -371,70 +391,71 @@ impl Simulator {
         }
     }
 
-    /// The sensor.
+    /// Returns the sensor.
     pub fn sensor(&self) -> &Sensor {
         &self.sensor
     }
 
-    /// The models of gelpad and light.
+    /// Returns the models of gelpad and light.
     pub fn models(&self) -> &Models {
         &self.models
     }
 
-    /// Which effects run.
+    /// Returns the policy that decides which effects run.
     pub fn policy(&self) -> EffectPolicy {
         self.policy
     }
 
-    /// Its view.
+    /// Returns the view: the image's size, and the size of a pixel on the pad.
     pub fn view(&self) -> &View {
         &self.view
     }
 
-    /// The background image as it was given or rendered, before markers and lens.
+    /// Returns the background image as it was given or rendered, before markers and lens.
     pub fn background(&self) -> &BackgroundImage {
         &self.background
     }
 
-    /// The image without contact, markers included.
+    /// Returns the image without contact, markers included.
     pub fn untouched(&self) -> &Image {
         &self.camera.untouched
     }
 
-    /// The untouched pad as the camera of a press took it at another moment: its lens, its gains and its print, and noise of its
-    /// own. Pins are those of a unit without differences.
+    /// Takes the image of the untouched pad as the camera of a press would at another moment: with the lens, gains and
+    /// print of that press, and fresh noise. Pins are those of a unit without differences.
     pub fn untouched_beside(&self, impression: &Impression) -> Image {
         let nothing = Light { region: Rect::whole(0, 0), planes: Default::default() };
         let markers = impression.markers.as_ref().map(MarkerPositions::at_rest);
-        let camera = impression.camera.at_another_moment();
+        let camera = impression.camera.with_fresh_noise();
         self.camera.expose(nothing.into(), None, markers.as_ref(), &camera, &mut EffectLog::new(self.policy))
     }
 
-    /// How far a curved pad lies below its highest point, mm, on the grid of [`Contact::surface`].
+    /// Returns how far a curved pad lies below its highest point, mm, on the grid of [`Contact::surface`]; `None` if
+    /// the pad is flat.
     pub fn drop_mm(&self) -> Option<&Grid<f32>> {
         self.drop_mm.as_deref()
     }
 
-    /// True if tractions are known where something is moved in the pad's plane: markers show them, and the model of the
-    /// gelpad knows them.
+    /// Returns true if a press computes the tractions of an object that moves in the pad's plane: something shows them,
+    /// and the model of the gelpad knows them.
     pub fn knows_tractions(&self) -> bool {
         self.in_plane.is_some()
     }
 }
 
-/// The stages of a simulator by themselves, for studies and tests of one of them.
+/// The stages of a simulator one by one, for studies and tests of a single stage.
 pub trait Stages {
-    /// The gelpad alone: contacts without light.
+    /// Returns the gelpad: contacts without light.
     fn pad(&self) -> &Pad;
 
-    /// The light alone: from a contact to brightness.
+    /// Returns the shader: from a contact to brightness.
     fn shader(&self) -> &Shader;
 
-    /// The camera alone: from brightness to an image.
+    /// Returns the camera: from brightness to an image.
     fn camera(&self) -> &Camera;
 
-    /// The light that a contact sends to the camera, where it differs from the background image.
-    fn light(&self, contact: &Contact) -> Light;
+    /// Computes the light that a contact sends to the camera, where it differs from the background image.
+    fn shade_contact(&self, contact: &Contact) -> Light;
 }
 
 impl Stages for Simulator {
@@ -450,8 +471,8 @@ impl Stages for Simulator {
         &self.camera
     }
 
-    fn light(&self, contact: &Contact) -> Light {
-        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy)).whole()
+    fn shade_contact(&self, contact: &Contact) -> Light {
+        self.shader.shade(contact, &self.background, &mut EffectLog::new(self.policy)).into_light()
     }
 }
 
@@ -465,21 +486,21 @@ impl fmt::Debug for Simulator {
 }
 
 impl Press {
-    /// How the indenter moves, held by the friction of its own material where that has one.
-    fn sheared(&self) -> Option<Shear> {
+    /// Returns how the indenter moves; the friction of its own material, if it has any, replaces that of the motion.
+    fn shear_with_friction(&self) -> Option<Shear> {
         self.shear.map(|shear| Shear { friction: self.material.friction.unwrap_or(shear.friction), ..shear })
     }
 
-    /// Checks the numbers that nothing else has checked.
-    fn numbers_are_finite(&self) -> Result<(), PressError> {
+    /// Checks the numbers of the press that nothing else has checked.
+    fn check_finite(&self) -> Result<(), PressError> {
         let Pose { rotation, translation_mm, .. } = self.indenter.pose;
         let PadPlane { axes, origin_mm } = self.plane;
         let is_finite = |numbers: &[f64]| numbers.iter().all(|number| number.is_finite());
-        let of_texture = |Texture { sample, laid, .. }: &Texture| {
+        let of_texture = |Texture { sample, placement, .. }: &Texture| {
             let TextureSample { amplitude_mm, scale_mm, angle_deg, offset: [u, v] } = *sample;
-            let laid =
-                laid.is_none_or(|TexturePlacement { origin_mm, yaw_deg }| is_finite(&origin_mm) && yaw_deg.is_finite());
-            laid && is_finite(&[amplitude_mm, scale_mm, angle_deg, u, v])
+            let is_placed = placement
+                .is_none_or(|TexturePlacement { origin_mm, yaw_deg }| is_finite(&origin_mm) && yaw_deg.is_finite());
+            is_placed && is_finite(&[amplitude_mm, scale_mm, angle_deg, u, v])
         };
         let of_motion = |Motion { shift_mm, twist_rad, about_mm }: Motion| {
             is_finite(&shift_mm) && is_finite(&about_mm) && twist_rad.is_finite()
@@ -495,7 +516,7 @@ impl Press {
         wrong.map_or(Ok(()), |(name, _)| Err(PressError::NotFinite(name)))
     }
 
-    /// A press without texture or motion, with the sensor's own markers and camera.
+    /// Makes a press without texture and motion, with the sensor's own markers and camera.
     pub fn new(indenter: Indenter, sensor: &Sensor) -> Self {
         let markers = sensor.markers.and_then(|markers| markers.pattern);
         Self {

@@ -1,7 +1,7 @@
-//! A shard as a tar: written, and read back sample by sample.
+//! Writes a shard as a tar, and reads it back sample by sample.
 
 use gelsim_files::fail_point::Step;
-use gelsim_files::input::{self, MOST_IMAGE_BYTES};
+use gelsim_files::input::{self, MAX_IMAGE_BYTES};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -12,53 +12,53 @@ use std::sync::Arc;
 
 use sha2::{Digest, Sha256};
 
-use gelsim_files::hash::hex;
-use gelsim_files::write::{create_anew, same_file};
+use gelsim_files::hash::to_hex;
+use gelsim_files::write::{is_same_file, recreate_file};
 
 /// One file of a sample.
 pub struct Member {
-    /// The end of its name, after key and dot.
+    /// The end of its name, behind the sample's key and a dot.
     pub suffix: String,
     /// Its content.
-    pub bytes: Bytes,
+    pub bytes: FileContent,
 }
 
-/// The content of a file, in memory or where a [`super::spool::Spool`] keeps it.
-pub enum Bytes {
+/// The content of a file, in memory or in the file of a [`super::spool::Spool`].
+pub enum FileContent {
     /// In memory.
-    Held(Vec<u8>),
+    InMemory(Vec<u8>),
     /// On disk.
     Spooled {
-        /// The spool.
+        /// The spool's file.
         file: Arc<File>,
-        /// Where it begins.
+        /// Offset of the content in it.
         at: u64,
-        /// Bytes.
+        /// Number of bytes.
         length: usize,
     },
 }
 
-impl Bytes {
-    /// How many there are.
-    pub fn count(&self) -> usize {
+impl FileContent {
+    /// Returns the number of bytes.
+    pub fn byte_count(&self) -> usize {
         match self {
-            Self::Held(bytes) => bytes.len(),
+            Self::InMemory(bytes) => bytes.len(),
             Self::Spooled { length, .. } => *length,
         }
     }
 
-    /// All of them, for keeps.
+    /// Returns the bytes as a vector; reads them if they are on disk.
     pub fn into_vec(self) -> io::Result<Vec<u8>> {
         match self {
-            Self::Held(bytes) => Ok(bytes),
+            Self::InMemory(bytes) => Ok(bytes),
             spooled => spooled.read().map(Cow::into_owned),
         }
     }
 
-    /// All of them.
+    /// Returns the bytes; reads them if they are on disk.
     pub fn read(&self) -> io::Result<Cow<'_, [u8]>> {
         match self {
-            Self::Held(bytes) => Ok(Cow::Borrowed(bytes)),
+            Self::InMemory(bytes) => Ok(Cow::Borrowed(bytes)),
             Self::Spooled { file, at, length } => {
                 let mut bytes = vec![0; *length];
                 file.read_exact_at(&mut bytes, *at)?;
@@ -69,30 +69,31 @@ impl Bytes {
 }
 
 impl Member {
-    /// Of a name's end and the content.
+    /// Makes a file in memory.
     pub fn new(suffix: impl Into<String>, bytes: Vec<u8>) -> Self {
-        Self { suffix: suffix.into(), bytes: Bytes::Held(bytes) }
+        Self { suffix: suffix.into(), bytes: FileContent::InMemory(bytes) }
     }
 }
 
-/// A tar being written.
-pub struct Writer(BufWriter<Hashed>);
+/// A tar that is being written.
+pub struct TarWriter(BufWriter<HashingFile>);
 
-impl Writer {
-    /// Starts a tar in place of what is at `path`.
+impl TarWriter {
+    /// Starts a tar and replaces what is at `path`.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let hashed = Hashed { file: create_anew(path)?, hash: Sha256::new(), bytes: 0 };
-        // Pictures are larger, and go past the buffer.
+        let hashed = HashingFile { file: recreate_file(path)?, hash: Sha256::new(), bytes: 0 };
+        // Images are larger than this buffer and are written past it.
         Ok(Self(BufWriter::with_capacity(1 << 14, hashed)))
     }
 
-    /// Appends a sample's files.
+    /// Appends the files of a sample.
     pub fn append(&mut self, key: &str, members: &[Member]) -> io::Result<()> {
         for member in members {
             let mut header = tar::Header::new_ustar();
             header.set_path(format!("{key}.{}", member.suffix))?;
-            header.set_size(member.bytes.count() as u64);
+            header.set_size(member.bytes.byte_count() as u64);
             header.set_mode(0o644);
+            // No times and owners, so that the same samples give the same bytes.
             header.set_mtime(0);
             header.set_uid(0);
             header.set_gid(0);
@@ -100,43 +101,43 @@ impl Writer {
             let content = member.bytes.read()?;
             self.0.write_all(header.as_bytes())?;
             self.0.write_all(&content)?;
-            self.0.write_all(&[0; BLOCK][..content.len().next_multiple_of(BLOCK) - content.len()])?;
+            self.0.write_all(&[0; BLOCK_BYTES][..content.len().next_multiple_of(BLOCK_BYTES) - content.len()])?;
         }
         Ok(())
     }
 
-    /// Brings to disk what was begun at `path`, which must still be there. Its length and SHA-256.
+    /// Ends the tar and brings it to disk. It must still be the file at `path`. Returns its length and SHA-256.
     pub fn finish(&mut self, path: &Path) -> io::Result<(u64, String)> {
         self.0.write_all(&[0; EMPTY_BYTES as usize])?;
         self.0.flush()?;
-        Step::ShardWritten.reached(path);
+        Step::ShardWritten.pause_if_requested(path);
         let hashed = self.0.get_ref();
         hashed.file.sync_all()?;
-        if !same_file(&hashed.file, path) {
+        if !is_same_file(&hashed.file, path) {
             return Err(io::Error::other("another process has replaced it"));
         }
-        Ok((hashed.bytes, hex(&hashed.hash.clone().finalize())))
+        Ok((hashed.bytes, to_hex(&hashed.hash.clone().finalize())))
     }
 }
 
-/// Headers and contents of files fill blocks of so many bytes.
-const BLOCK: usize = 512;
-/// Bytes that a tar has besides its files: two empty blocks at its end.
-pub const EMPTY_BYTES: u64 = 2 * BLOCK as u64;
+/// Size of a tar's blocks, bytes: headers and contents fill complete blocks.
+const BLOCK_BYTES: usize = 512;
+/// Bytes of a tar without files: the two empty blocks at its end.
+pub const EMPTY_BYTES: u64 = 2 * BLOCK_BYTES as u64;
 
-/// Bytes that a sample's files take in a tar: each with a header, in blocks.
-pub fn bytes_of(members: &[Member]) -> u64 {
-    members.iter().map(|member| (BLOCK + member.bytes.count().next_multiple_of(BLOCK)) as u64).sum()
+/// Returns the bytes that a sample's files take in a tar: each has a header, and both fill blocks.
+pub fn tar_bytes_of(members: &[Member]) -> u64 {
+    members.iter().map(|member| (BLOCK_BYTES + member.bytes.byte_count().next_multiple_of(BLOCK_BYTES)) as u64).sum()
 }
 
-/// A file that knows the SHA-256 of what was written to it.
-struct Hashed {
+/// A file that hashes what is written to it.
+struct HashingFile {
     file: File,
     hash: Sha256,
     bytes: u64,
 }
 
-impl Write for Hashed {
+impl Write for HashingFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.file.write(bytes)?;
         self.hash.update(&bytes[..written]);
@@ -151,21 +152,22 @@ impl Write for Hashed {
 
 /// The files of one sample.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Files {
+pub struct SampleFiles {
     /// The sample's key.
     pub key: String,
-    /// End of the name, after key and dot, and content of each file, in order.
+    /// The end of each file's name, behind the key and a dot, and its content, in order.
     pub members: Vec<(String, Vec<u8>)>,
 }
 
-impl Files {
-    /// The content of the file with the name's end `suffix`.
-    pub fn member(&self, suffix: &str) -> Option<&[u8]> {
+impl SampleFiles {
+    /// Returns the content of the file whose name ends in `suffix`, or `None` if there is none.
+    pub fn find_member(&self, suffix: &str) -> Option<&[u8]> {
         self.members.iter().find(|(name, _)| name == suffix).map(|(_, bytes)| bytes.as_slice())
     }
 
-    /// The files of one finger of a grip, as those of a press: `key` has the finger's name behind it.
-    pub fn of_finger(&self, finger: &str) -> Self {
+    /// Returns the files of one finger of a grip as those of a press. Their key is the sample's with the finger's name
+    /// behind it.
+    pub fn finger_files(&self, finger: &str) -> Self {
         let own = |(suffix, bytes): &(String, Vec<u8>)| {
             let (name, suffix) = suffix.split_once('.')?;
             (name == finger).then(|| (suffix.to_owned(), bytes.clone()))
@@ -174,49 +176,51 @@ impl Files {
     }
 }
 
-/// What a tar says of one file before it is read.
+/// What a tar says about a file before its content is read.
 #[derive(Clone, Copy, Debug)]
-pub struct Head<'a> {
+pub struct MemberHead<'a> {
     /// The sample's key.
     pub key: &'a str,
-    /// End of the name, after key and dot.
+    /// The end of the name, behind the key and a dot.
     pub suffix: &'a str,
-    /// Length of the content.
+    /// Length of the content, bytes.
     pub bytes: u64,
 }
 
-/// Largest name of a file, and largest extended header, bytes.
-const MOST_NAME_BYTES: u64 = 64 << 10;
+/// Most bytes of a file's name, and of an extended header.
+const MAX_NAME_BYTES: u64 = 64 << 10;
 
-/// Shows every sample of the tar at `path` to `visit`, until that breaks off. `wanted` says of each file how many bytes it
-/// may hold at most, or that it is skipped without being read.
-pub fn open(
+/// Calls `visit` with every sample of the tar at `path`, until that breaks off. For each file `wanted` returns the most
+/// bytes that it may have, or `None` to skip it without reading.
+pub fn visit_tar_file(
     path: &Path,
-    wanted: impl FnMut(Head) -> Option<u64>,
-    visit: impl FnMut(Files) -> ControlFlow<()>,
+    wanted: impl FnMut(MemberHead) -> Option<u64>,
+    visit: impl FnMut(SampleFiles) -> ControlFlow<()>,
 ) -> Result<(), String> {
-    let (file, length) = input::open_inside(path).map_err(|error| error.to_string())?;
-    let mut archive = tar::Archive::new(Skipping(BufReader::with_capacity(1 << 14, file)));
-    walk(archive.entries_with_seek().map_err(|error| error.to_string())?, length, wanted, visit)
+    let (file, length) = input::open_without_links(path).map_err(|error| error.to_string())?;
+    let mut archive = tar::Archive::new(SkippingReader(BufReader::with_capacity(1 << 14, file)));
+    visit_entries(archive.entries_with_seek().map_err(|error| error.to_string())?, length, wanted, visit)
 }
 
-/// Shows every sample of a tar to `visit` with all its files, until that breaks off.
-pub fn read(tar: impl Read, visit: impl FnMut(Files) -> ControlFlow<()>) -> Result<(), String> {
+/// Calls `visit` with every sample of a tar, with all its files, until that breaks off.
+pub fn visit_tar(tar: impl Read, visit: impl FnMut(SampleFiles) -> ControlFlow<()>) -> Result<(), String> {
     let mut archive = tar::Archive::new(tar);
-    walk(archive.entries().map_err(|error| error.to_string())?, u64::MAX, |_| Some(MOST_IMAGE_BYTES), visit)
+    visit_entries(archive.entries().map_err(|error| error.to_string())?, u64::MAX, |_| Some(MAX_IMAGE_BYTES), visit)
 }
 
-/// What follows each other under one key is one sample. Takes no more memory than the sample that is largest, whatever a
-/// header says; `length` is the tar's, beyond which nothing may be skipped.
-fn walk<R: Read>(
+/// Visits the samples of a tar. Files with the same key that follow each other are one sample. Memory is limited to
+/// that of the largest sample, whatever a header says. `length` is that of the tar in bytes, beyond which nothing may
+/// be skipped.
+fn visit_entries<R: Read>(
     entries: tar::Entries<R>,
     length: u64,
-    mut wanted: impl FnMut(Head) -> Option<u64>,
-    mut visit: impl FnMut(Files) -> ControlFlow<()>,
+    mut wanted: impl FnMut(MemberHead) -> Option<u64>,
+    mut visit: impl FnMut(SampleFiles) -> ControlFlow<()>,
 ) -> Result<(), String> {
-    let mut sample: Option<Files> = None;
-    let mut extended = Extended::default();
-    // Raw: the crate would read long names and extended headers whole, however long they are, and unfold sparse files.
+    let mut sample: Option<SampleFiles> = None;
+    let mut extended = ExtendedHeader::default();
+    // Raw entries: the crate would read long names and extended headers of any length into memory, and unfold sparse
+    // files.
     for entry in entries.raw(true) {
         let mut entry = entry.map_err(|error| format!("not a tar: {error}"))?;
         if extended.read(&mut entry)? {
@@ -224,11 +228,12 @@ fn walk<R: Read>(
         }
         let size = entry.size();
         let name = extended.name.take().unwrap_or_else(|| entry.path_bytes().into_owned());
-        let shown = shown(&name);
+        let shown = escape_name(&name);
         let short = |bytes: u64| Err(format!("{shown} ends after {bytes} of {size} bytes"));
-        let there = length.saturating_sub(entry.raw_file_position());
-        if there < size {
-            return short(there);
+        // A header may claim any size, but no memory is taken for more than there is.
+        let bytes_left = length.saturating_sub(entry.raw_file_position());
+        if bytes_left < size {
+            return short(bytes_left);
         }
         let other_size = extended.size.take().filter(|told| *told != size);
         if entry.header().entry_type().is_gnu_sparse() || std::mem::take(&mut extended.sparse) || other_size.is_some() {
@@ -248,8 +253,8 @@ fn walk<R: Read>(
         {
             return Ok(());
         }
-        let files = sample.get_or_insert_with(|| Files { key: key.to_owned(), members: Vec::new() });
-        if let Some(most) = wanted(Head { key, suffix, bytes: size }) {
+        let files = sample.get_or_insert_with(|| SampleFiles { key: key.to_owned(), members: Vec::new() });
+        if let Some(most) = wanted(MemberHead { key, suffix, bytes: size }) {
             if size > most {
                 return Err(format!("{shown} has {size} bytes, and a file of its kind at most {most}"));
             }
@@ -265,29 +270,29 @@ fn walk<R: Read>(
         return Err(String::from("not a tar: it ends after the name of a file"));
     }
     if let Some(files) = sample {
-        // Whether it breaks off makes no difference at the end.
+        // This is the last sample, so it does not matter whether the visit breaks off.
         let _ = visit(files);
     }
     Ok(())
 }
 
-/// The beginning of a name, so that it speaks to no terminal.
-fn shown(name: &[u8]) -> String {
-    const MOST: usize = 200;
-    let whole = String::from_utf8_lossy(&name[..name.len().min(4 * MOST)]);
-    whole.chars().take(MOST).flat_map(char::escape_debug).collect()
+/// Returns the beginning of a name with its control characters escaped, so that it cannot control a terminal.
+fn escape_name(name: &[u8]) -> String {
+    const MAX_CHARS: usize = 200;
+    let start = String::from_utf8_lossy(&name[..name.len().min(4 * MAX_CHARS)]);
+    start.chars().take(MAX_CHARS).flat_map(char::escape_debug).collect()
 }
 
-/// What headers before a file's own say of it.
+/// What the headers before a file's own header say about it.
 #[derive(Default)]
-struct Extended {
+struct ExtendedHeader {
     name: Option<Vec<u8>>,
     size: Option<u64>,
     sparse: bool,
 }
 
-impl Extended {
-    /// Reads `entry` if it is such a header; false if it is a file.
+impl ExtendedHeader {
+    /// Reads `entry` if it is an extended header. Returns false if it is a file.
     fn read<R: Read>(&mut self, entry: &mut tar::Entry<'_, R>) -> Result<bool, String> {
         let kind = entry.header().entry_type();
         let is_name = kind.is_gnu_longname();
@@ -295,12 +300,13 @@ impl Extended {
         if !(is_name || for_one || kind.is_gnu_longlink() || kind.is_pax_global_extensions()) {
             return Ok(false);
         }
-        if entry.size() > MOST_NAME_BYTES {
+        if entry.size() > MAX_NAME_BYTES {
             return Err(format!("a name or an extended header has {} bytes, more than 64 KB", entry.size()));
         }
         let mut bytes = Vec::new();
         entry.read_to_end(&mut bytes).map_err(|error| format!("an extended header: {error}"))?;
         if is_name {
+            // The name ends in zeros.
             bytes.truncate(bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1));
             self.name = Some(bytes);
         } else if for_one {
@@ -317,16 +323,16 @@ impl Extended {
     }
 }
 
-/// A file of which parts are skipped: what the buffer holds already is not read again.
-struct Skipping(BufReader<File>);
+/// A buffered file in which a skip keeps what the buffer already holds.
+struct SkippingReader(BufReader<File>);
 
-impl Read for Skipping {
+impl Read for SkippingReader {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.0.read(bytes)
     }
 }
 
-impl Seek for Skipping {
+impl Seek for SkippingReader {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {
             SeekFrom::Current(by) => {
@@ -354,9 +360,9 @@ mod tests {
         builder.into_inner().expect("memory")
     }
 
-    fn samples(tar: &[u8]) -> Result<Vec<Files>, String> {
+    fn samples(tar: &[u8]) -> Result<Vec<SampleFiles>, String> {
         let mut found = Vec::new();
-        read(tar, |files| {
+        visit_tar(tar, |files| {
             found.push(files);
             ControlFlow::Continue(())
         })?;
@@ -369,10 +375,10 @@ mod tests {
         let found = samples(&tar).expect("a tar");
         let keys: Vec<&str> = found.iter().map(|files| files.key.as_str()).collect();
         assert_eq!(keys, ["0", "1", "0"]);
-        assert_eq!(found[0].member("a.exr"), Some(&b"bc"[..]));
-        assert_eq!(found[0].member("json"), None);
+        assert_eq!(found[0].find_member("a.exr"), Some(&b"bc"[..]));
+        assert_eq!(found[0].find_member("json"), None);
         let mut first = None;
-        read(tar.as_slice(), |files| {
+        visit_tar(tar.as_slice(), |files| {
             first = Some(files);
             ControlFlow::Break(())
         })
@@ -389,7 +395,7 @@ mod tests {
         let opened = |bytes: &[u8]| {
             std::fs::write(&path, bytes).expect("a file");
             let (mut heads, mut found) = (Vec::new(), Vec::new());
-            let wanted = |head: Head| {
+            let wanted = |head: MemberHead| {
                 heads.push((head.key.to_owned(), head.bytes));
                 (head.suffix == "json").then_some(2)
             };
@@ -397,7 +403,7 @@ mod tests {
                 found.push(files);
                 ControlFlow::Continue(())
             };
-            open(&path, wanted, visit).map(|()| (heads, found))
+            visit_tar_file(&path, wanted, visit).map(|()| (heads, found))
         };
         let (heads, found) = opened(&whole).expect("a tar");
         assert_eq!(heads.iter().map(|(_, bytes)| *bytes).collect::<Vec<_>>(), [100_000, 2, 1, 2, 100_000]);
@@ -415,7 +421,7 @@ mod tests {
         assert_eq!(samples(&whole).expect("a tar").len(), 1);
         for length in (1..1536).filter(|length| length % 1024 != 0) {
             let found = samples(&whole[..length]);
-            // The padding after a file's last byte is not missed.
+            // Padding behind a file's last byte need not be there.
             let padding = (512 + 10..1024).contains(&length);
             assert!(found.is_err() || padding, "{length}: {found:?}");
         }
@@ -428,7 +434,7 @@ mod tests {
         assert!(samples(&vec![7; 4096]).is_err());
     }
 
-    /// A tar of one file under `name`, each header before it of a kind and with a content.
+    /// Makes a tar of one file under `name`. Each header before it has a kind and a content.
     fn extended(headers: &[(tar::EntryType, &[u8])], kind: tar::EntryType, name: &[u8]) -> Vec<u8> {
         let mut builder = tar::Builder::new(Vec::new());
         let mut append = |kind, name: &[u8], content: &[u8]| {

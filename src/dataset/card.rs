@@ -1,43 +1,44 @@
-//! The dataset card: `README.md` with the front matter that Hugging Face reads, and how to load the data.
+//! Writes the dataset card, `README.md`: the front matter that Hugging Face reads, a description, and code that loads
+//! the data.
 
 use std::fmt::Write;
 
 use serde_json::Value;
 
-use super::cleanup::DESCRIPTIONS;
+use super::cleanup::DESCRIPTION_FILES;
 use super::manifest::Manifest;
-use super::recorded::Recorded;
-use super::stats::Stats;
+use super::recorded::RecordedDataset;
+use super::stats::ShardStats;
 use gelsim_files::sensor::shape::SensorShape;
-use gelsim_files::spelling::is_hidden;
+use gelsim_files::spelling::is_hidden_char;
 use gelsim_job::config::Job;
 use gelsim_job::config::output::Container;
-use gelsim_job::gripper::FINGERS;
+use gelsim_job::gripper::FINGER_NAMES;
 use gelsim_job::gripper::label::GripLabel;
 use gelsim_job::label::Label;
-use gelsim_job::layers::{Coding, OutputLayer};
+use gelsim_job::layers::{LayerCoding, OutputLayer};
 use gelsim_job::layout::Split;
-use gelsim_job::plan::view;
+use gelsim_job::plan::sensor_view;
 use gelsim_job::sequence::label::FrameRow;
 
 mod loading;
 
-/// The files that describe a dataset of which these are the stats of all shards, in order: their names and texts.
-pub fn descriptions(recorded: &Recorded, stats: &[Stats]) -> Vec<(&'static str, String)> {
+/// Returns the names and texts of the files that describe a dataset. `stats` are those of all its shards, in order.
+pub fn render_descriptions(recorded: &RecordedDataset, stats: &[ShardStats]) -> Vec<(&'static str, String)> {
     let manifest = Manifest::new(recorded, stats);
     let pretty = |value: &serde_json::Value| format!("{value:#}\n");
-    let [dataset, index, readme] = DESCRIPTIONS;
+    let [dataset, index, readme] = DESCRIPTION_FILES;
     let value = serde_json::to_value(&manifest).expect("a manifest has string keys");
-    let index = manifest.wids().map(|value| (index, pretty(&value)));
-    [(dataset, pretty(&value)), (readme, card(recorded, &manifest))].into_iter().chain(index).collect()
+    let index = manifest.to_wids_index().map(|value| (index, pretty(&value)));
+    [(dataset, pretty(&value)), (readme, render_card(recorded, &manifest))].into_iter().chain(index).collect()
 }
 
-/// The text of the card.
-fn card(recorded: &Recorded, manifest: &Manifest) -> String {
+/// Renders the text of the card.
+fn render_card(recorded: &RecordedDataset, manifest: &Manifest) -> String {
     let mut text = String::from("---\n");
-    front_matter(&mut text, recorded, manifest);
+    write_front_matter(&mut text, recorded, manifest);
     text.push_str("---\n\n");
-    body(&mut text, recorded, manifest);
+    write_body(&mut text, recorded, manifest);
     text
 }
 
@@ -45,14 +46,14 @@ fn used_splits(manifest: &Manifest) -> impl Iterator<Item = (&'static str, u64)>
     Split::ALL.into_iter().filter_map(|split| manifest.splits.get(split.name()).map(|samples| (split.name(), *samples)))
 }
 
-/// Column types are pinned: what a reader guesses from the first rows goes wrong where a value is null or whole. Each column
-/// takes one line, however much there is in it, so that the title is not far down.
-fn front_matter(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
-    // In quotes: a name such as 2024 or null would not be text.
+/// Writes the front matter. It states the type of every column, since a reader that guesses from the first rows goes
+/// wrong where a value is null or a whole number. Each column takes one line, so that the title stays near the top.
+fn write_front_matter(text: &mut String, recorded: &RecordedDataset, manifest: &Manifest) {
+    // In quotes, since a name such as 2024 or null would not be read as text.
     let _ = writeln!(text, "pretty_name: \"{}\"", manifest.name);
     let (tag, patterns): (&str, &[&str]) = match manifest.container {
         Container::Tar => ("webdataset", &["-*.tar"]),
-        // Of a sample's files those that imagefolder knows: by the others, and by JSON, it takes itself for another loader.
+        // Only files that imagefolder knows: if others or JSON were listed, another loader would be chosen.
         Container::Folder => ("imagefolder", &["-*/metadata.jsonl", "-*/*.png"]),
     };
     let _ = writeln!(text, "tags: [tactile, synthetic, {tag}]\nconfigs:\n- config_name: default\n  data_files:");
@@ -62,30 +63,30 @@ fn front_matter(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
         let _ = writeln!(text, "  - {{split: {split}, path: {path}}}");
     }
     let (place, columns) = match manifest.container {
-        // The columns would be the frames, and sequences differ in how many they have: `datasets` reads none such.
+        // Sequences have no columns: they would be the frames, whose number differs, which `datasets` cannot read.
         Container::Tar if recorded.job.sequence.is_some() => return,
-        Container::Tar => ("dataset_info:\n  features:\n", columns_of_tars(&recorded.job)),
-        // As a part of the configuration: imagefolder guesses in spite of what dataset_info says.
-        Container::Folder => ("  features:\n", columns_of_folders(&recorded.job)),
+        Container::Tar => ("dataset_info:\n  features:\n", tar_columns(&recorded.job)),
+        // Here the features are part of the configuration, since imagefolder ignores those of dataset_info.
+        Container::Folder => ("  features:\n", folder_columns(&recorded.job)),
     };
     text.push_str(place);
     columns.iter().for_each(|column| _ = writeln!(text, "  - {column}"));
 }
 
-/// A column: its name and what kind of values it has, in YAML.
-fn column(name: &str, kind: &str) -> String {
+/// Formats a column in YAML from its name and the kind of its values.
+fn format_column(name: &str, kind: &str) -> String {
     format!("{{name: {name}, {kind}}}")
 }
 
-/// One column per file of a sample.
-fn columns_of_tars(job: &Job) -> Vec<String> {
-    let mut columns = vec![column("__key__", "dtype: string"), column("__url__", "dtype: string")];
+/// Lists the columns of a dataset of tars, one for each file of a sample.
+fn tar_columns(job: &Job) -> Vec<String> {
+    let mut columns = vec![format_column("__key__", "dtype: string"), format_column("__url__", "dtype: string")];
     match &job.gripper {
-        None => columns.extend(columns_of_sensor("", job, job.sensor.resolution_px)),
+        None => columns.extend(sensor_columns("", job, job.sensor.resolution_px)),
         Some(gripper) => {
             let right = gripper.right.as_deref().unwrap_or(&job.sensor);
-            for (finger, sensor) in FINGERS.into_iter().zip([&job.sensor, right]) {
-                columns.extend(columns_of_sensor(&format!("{finger}."), job, sensor.resolution_px));
+            for (finger, sensor) in FINGER_NAMES.into_iter().zip([&job.sensor, right]) {
+                columns.extend(sensor_columns(&format!("{finger}."), job, sensor.resolution_px));
             }
         }
     }
@@ -93,80 +94,80 @@ fn columns_of_tars(job: &Job) -> Vec<String> {
         None => schemars::schema_for!(Label).to_value(),
         Some(_) => schemars::schema_for!(GripLabel).to_value(),
     };
-    columns.push(column("json", &format!("struct: [{}]", features(&schema, &schema).join(", "))));
+    columns.push(format_column("json", &format!("struct: [{}]", list_features(&schema, &schema).join(", "))));
     columns
 }
 
-/// Those of one sensor's files, whose names begin with `part`.
-fn columns_of_sensor(part: &str, job: &Job, [width, height]: [u32; 2]) -> Vec<String> {
+/// Lists the columns of the files of one sensor, whose names begin with `part`.
+fn sensor_columns(part: &str, job: &Job, [width, height]: [u32; 2]) -> Vec<String> {
     let format = job.output.depth_format;
     let of_layer = |layer: &OutputLayer| {
-        let kind = match layer.coding(format) {
-            Coding::Png => "dtype: image".to_owned(),
-            Coding::Exr | Coding::Png16(_) => "dtype: binary".to_owned(),
-            Coding::Npy => {
+        let kind = match layer.coding_for(format) {
+            LayerCoding::Png => "dtype: image".to_owned(),
+            LayerCoding::Exr | LayerCoding::Png16(_) => "dtype: binary".to_owned(),
+            LayerCoding::Npy => {
                 let channels = layer.channels().len();
                 let (axes, more) = if channels == 1 { (2, String::new()) } else { (3, format!(", {channels}")) };
                 format!("dtype: {{array{axes}_d: {{shape: [{height}, {width}{more}], dtype: float32}}}}")
             }
-            Coding::Json => {
-                let list = |name| column(name, "sequence: {sequence: float64}");
+            LayerCoding::Json => {
+                let list = |name| format_column(name, "sequence: {sequence: float64}");
                 format!("struct: [{}, {}]", list("rest_px"), list("moved_px"))
             }
         };
-        column(&format!("{part}{}", layer.suffix(format)), &kind)
+        format_column(&format!("{part}{}", layer.file_suffix(format)), &kind)
     };
-    let tactile = column(&format!("{part}tactile.png"), "dtype: image");
+    let tactile = format_column(&format!("{part}tactile.png"), "dtype: image");
     std::iter::once(tactile).chain(job.output.layers_in_order().iter().map(of_layer)).collect()
 }
 
-/// The columns of metadata.jsonl, as [`super::imagefolder::rows`] writes them.
-fn columns_of_folders(job: &Job) -> Vec<String> {
-    // First: a reader looks for `file_name` where it meets the first image.
-    let mut columns = vec![column("image", "dtype: image")];
+/// Lists the columns of metadata.jsonl, as [`super::imagefolder::build_rows`] writes them.
+fn folder_columns(job: &Job) -> Vec<String> {
+    // The image comes first, since a reader looks for `file_name` where it meets the first image.
+    let mut columns = vec![format_column("image", "dtype: image")];
     for layer in job.output.layers_in_order() {
-        columns.push(match layer.coding(job.output.depth_format) {
-            Coding::Png => column(&format!("{}_image", layer.name()), "dtype: image"),
-            _ => column(&format!("{}_path", layer.name()), "dtype: string"),
+        columns.push(match layer.coding_for(job.output.depth_format) {
+            LayerCoding::Png => format_column(&format!("{}_image", layer.name()), "dtype: image"),
+            _ => format_column(&format!("{}_path", layer.name()), "dtype: string"),
         });
     }
     let schema = match job.sequence {
         None => schemars::schema_for!(Label).to_value(),
         Some(_) => schemars::schema_for!(FrameRow).to_value(),
     };
-    columns.extend(features(&schema, &schema));
+    columns.extend(list_features(&schema, &schema));
     columns
 }
 
-/// The properties of a JSON Schema object in the notation of `dataset_info`.
-fn features(root: &Value, object: &Value) -> Vec<String> {
-    let properties = resolved(root, object).get("properties").and_then(Value::as_object);
+/// Lists the properties of a JSON Schema object in the notation of `dataset_info`.
+fn list_features(root: &Value, object: &Value) -> Vec<String> {
+    let properties = resolve_reference(root, object).get("properties").and_then(Value::as_object);
     let feature = |(name, schema): (&String, &Value)| {
-        let schema = resolved(root, schema);
-        let inner = |object: &Value| features(root, object).join(", ");
+        let schema = resolve_reference(root, schema);
+        let inner = |object: &Value| list_features(root, object).join(", ");
         if schema.get("properties").is_some() {
-            return column(name, &format!("struct: [{}]", inner(schema)));
+            return format_column(name, &format!("struct: [{}]", inner(schema)));
         }
-        let Some(items) = schema.get("items").map(|items| resolved(root, items)) else {
-            return column(name, &format!("dtype: {}", dtype(schema)));
+        let Some(items) = schema.get("items").map(|items| resolve_reference(root, items)) else {
+            return format_column(name, &format!("dtype: {}", schema_dtype(schema)));
         };
         match items.get("properties").is_some() {
-            true => column(name, &format!("list: [{}]", inner(items))),
-            false => column(name, &format!("sequence: {}", dtype(items))),
+            true => format_column(name, &format!("list: [{}]", inner(items))),
+            false => format_column(name, &format!("sequence: {}", schema_dtype(items))),
         }
     };
     properties.into_iter().flatten().map(feature).collect()
 }
 
-/// Follows a `$ref` to the schema's definitions.
-fn resolved<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
+/// Follows a `$ref` into the schema's definitions. A schema without one is returned unchanged.
+fn resolve_reference<'a>(root: &'a Value, schema: &'a Value) -> &'a Value {
     let target = schema.get("$ref").and_then(Value::as_str).and_then(|path| root.pointer(path.trim_start_matches('#')));
     target.unwrap_or(schema)
 }
 
-fn dtype(schema: &Value) -> &'static str {
+fn schema_dtype(schema: &Value) -> &'static str {
     let kind = match &schema["type"] {
-        // A value that may be null: [kind, "null"].
+        // A value that may be null has the type [kind, "null"].
         Value::Array(kinds) => kinds.first().and_then(Value::as_str),
         kind => kind.as_str(),
     };
@@ -178,7 +179,7 @@ fn dtype(schema: &Value) -> &'static str {
     }
 }
 
-fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
+fn write_body(text: &mut String, recorded: &RecordedDataset, manifest: &Manifest) {
     let sensor = &recorded.job.sensor;
     let sequences = recorded.job.sequence.is_some();
     let grips = recorded.job.gripper.is_some();
@@ -191,21 +192,21 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
         (false, false) => ("presses", "KEY", ""),
     };
     let [width, height] = sensor.resolution_px;
-    // Whoever finalizes a dataset need not have the mesh that decides it; the labels say it.
-    let pitch = match sensor.shape {
+    // The pixel size of a gel from a mesh needs the mesh, which may be missing here. The labels hold it, too.
+    let pixel_size = match sensor.shape {
         Some(SensorShape::Mesh(_)) => String::new(),
         _ => {
-            let [x, y] = view(&recorded.job).mm_per_px;
+            let [x, y] = sensor_view(&recorded.job).mm_per_px;
             format!(", {x} x {y} mm per pixel")
         }
     };
     let _ = writeln!(
         text,
-        "# {}\n\n{} synthetic {what} on a `{}` tactile sensor ({width} x {height} px{pitch}, \
+        "# {}\n\n{} synthetic {what} on a `{}` tactile sensor ({width} x {height} px{pixel_size}, \
          gelpad {} mm), made by gelsim {} at the fidelity level `{}`. `job.toml` is the job that makes the same bytes again.\n",
         manifest.name,
         manifest.samples,
-        one_line(&sensor.name).replace('`', "'"),
+        to_one_line(&sensor.name).replace('`', "'"),
         sensor.gelpad_thickness_mm,
         manifest.generator.version,
         manifest.fidelity,
@@ -217,13 +218,18 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     }
     text.push_str("\n| class | samples |\n|---|---|\n");
     for class in &manifest.classes {
-        let _ = writeln!(text, "| {} | {} |", in_table(&class.name), class.samples);
+        let _ = writeln!(text, "| {} | {} |", escape_markdown(&class.name), class.samples);
     }
     text.push_str("\n## A sample\n\n| member | what it is |\n|---|---|\n");
     let _ = writeln!(text, "| `{one}.tactile.png` | the tactile image{frame}, 8-bit RGB |");
     let format = recorded.job.output.depth_format;
     for layer in recorded.job.output.layers_in_order() {
-        let _ = writeln!(text, "| `{one}.{}` | {} |", layer.suffix(format), meaning(layer, layer.coding(format)));
+        let _ = writeln!(
+            text,
+            "| `{one}.{}` | {} |",
+            layer.file_suffix(format),
+            describe_layer(layer, layer.coding_for(format))
+        );
     }
     text.push_str(match (sequences, grips) {
         (false, false) => "| `KEY.json` | the label: object, pose, indentation, contact, sensor, numerics |\n",
@@ -264,7 +270,7 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
             "\nThe sensor above is the left finger's; the right one is a `{}` ({width} x {height} px, gelpad {} mm). The gripper's frame \
              has its origin in the middle between the undeformed pads, z from the left pad to the right one, x and y as the left \
              image has them; the right finger's frame is turned half about y, so that y is down in both images.",
-            one_line(&right.name).replace('`', "'"),
+            to_one_line(&right.name).replace('`', "'"),
             right.gelpad_thickness_mm,
         );
     }
@@ -274,28 +280,28 @@ fn body(text: &mut String, recorded: &Recorded, manifest: &Manifest) {
     );
     let split = used_splits(manifest).next().map_or("train", |(split, _)| split);
     let kind = match (sequences, grips) {
-        (true, true) => loading::Kind::GripSequences,
-        (true, false) => loading::Kind::Sequences,
-        (false, true) => loading::Kind::Grips,
-        (false, false) => loading::Kind::Presses,
+        (true, true) => loading::SampleKind::GripSequences,
+        (true, false) => loading::SampleKind::Sequences,
+        (false, true) => loading::SampleKind::Grips,
+        (false, false) => loading::SampleKind::Presses,
     };
-    for snippet in loading::snippets(&recorded.job.output, split, kind) {
+    for snippet in loading::loading_snippets(&recorded.job.output, split, kind) {
         let _ = writeln!(text, "```python\n{snippet}```\n");
     }
 }
 
-/// A name of the user's in one line, whatever is in it; what cannot be seen but turns or hides text, by its number.
-fn one_line(name: &str) -> String {
+/// Returns a user's name on one line. Hidden characters that turn or hide text are shown by their numbers.
+fn to_one_line(name: &str) -> String {
     let shown = |letter: char| match letter {
         letter if letter.is_control() || matches!(letter, '\u{2028}' | '\u{2029}') => String::from(" "),
-        letter if is_hidden(letter) => format!("U+{:04X}", u32::from(letter)),
+        letter if is_hidden_char(letter) => format!("U+{:04X}", u32::from(letter)),
         letter => String::from(letter),
     };
     name.chars().map(shown).collect()
 }
 
-/// The same where Markdown takes it as it stands: no border of a cell, tag, link, image, entity or emphasis.
-fn in_table(name: &str) -> String {
+/// Returns a user's name on one line, escaped so that Markdown shows it literally.
+fn escape_markdown(name: &str) -> String {
     let escaped = |letter: char| match letter {
         '\\' | '`' | '*' | '_' | '[' | ']' | '(' | ')' | '!' | '<' | '>' | '&' | '|' | '~' | '#' | ':' | '.' | '@'
         | '$' => {
@@ -303,23 +309,23 @@ fn in_table(name: &str) -> String {
         }
         letter => String::from(letter),
     };
-    one_line(name).chars().map(escaped).collect()
+    to_one_line(name).chars().map(escaped).collect()
 }
 
-/// What a layer holds, and in what form.
-fn meaning(layer: OutputLayer, coding: Coding) -> String {
-    let (what, channels) = (layer.spec().said(), layer.channels().join(", "));
+/// Describes what a layer holds, and in what format.
+fn describe_layer(layer: OutputLayer, coding: LayerCoding) -> String {
+    let (what, channels) = (layer.spec().description(), layer.channels().join(", "));
     match coding {
-        Coding::Exr if channels.len() == 1 => format!("channel {channels}, {what}"),
-        Coding::Exr => format!("channels {channels}: {what}"),
-        Coding::Npy if channels.len() == 1 => format!("float32, rows and columns, {what}"),
-        Coding::Npy => format!("float32, rows, columns and {channels}: {what}"),
-        Coding::Png16(scale) => {
+        LayerCoding::Exr if channels.len() == 1 => format!("channel {channels}, {what}"),
+        LayerCoding::Exr => format!("channels {channels}: {what}"),
+        LayerCoding::Npy if channels.len() == 1 => format!("float32, rows and columns, {what}"),
+        LayerCoding::Npy => format!("float32, rows, columns and {channels}: {what}"),
+        LayerCoding::Png16(scale) => {
             let zero = scale.zero_key().map_or(String::new(), |key| format!("less the label's `png16.{key}`, "));
             let label = if zero.is_empty() { "the label's " } else { "" };
             format!("16-bit grey; {zero}times {label}`png16.{}`, {what}", scale.step_key())
         }
-        Coding::Png | Coding::Json => what,
+        LayerCoding::Png | LayerCoding::Json => what,
     }
 }
 
@@ -337,7 +343,7 @@ mod tests {
             ("a\nb\u{202e}c", "a bU+202Ec"),
         ];
         for (name, expected) in cases {
-            assert_eq!(in_table(name), expected);
+            assert_eq!(escape_markdown(name), expected);
         }
     }
 }

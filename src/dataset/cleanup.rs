@@ -1,8 +1,8 @@
-//! The names in a dataset's folder that are ours: what they must be, and how they go.
+//! The files and folders of a dataset by name: checks that they are what gelsim makes, and removes them.
 //!
-//! Nothing is written through a link: folders and files of ours must be plain ones, which is looked at before a run
-//! writes anything; new files are made under names that did not exist, locks are never opened through a link. What has
-//! another name stays, whatever happens.
+//! Nothing is written through a link. Before a run writes anything, the dataset's files and folders are checked to be
+//! plain ones; new files get names that did not exist, and locks are never opened through a link. Entries with other
+//! names are never touched.
 
 use std::fs::{self, FileType};
 use std::io;
@@ -11,63 +11,63 @@ use std::path::{Path, PathBuf};
 use super::imagefolder;
 use super::lock::Lock;
 use gelsim_files::fail_point::Step;
-use gelsim_files::write::absent_is_fine;
+use gelsim_files::write::ignore_not_found;
 use gelsim_job::layout::Split;
 
-/// Files that describe a whole dataset. They are there only while it is whole.
-pub const DESCRIPTIONS: [&str; 3] = ["dataset.json", "wids.json", "README.md"];
+/// Files that describe a complete dataset. They exist only while it is complete.
+pub const DESCRIPTION_FILES: [&str; 3] = ["dataset.json", "wids.json", "README.md"];
 
-/// Files beside the folders. job.toml goes last: while it is there, what remains is known to be ours.
-const FILES: [&str; 5] = ["README.md", "dataset.json", "wids.json", REPORT, "job.toml"];
+/// Files beside the folders. job.toml is removed last: while it is there, the rest is known to be a dataset of gelsim.
+const ROOT_FILES: [&str; 5] = ["README.md", "dataset.json", "wids.json", REPORT_FILE, "job.toml"];
 
-/// Name of the page about the dataset, where it is kept beside the data.
-pub const REPORT: &str = "report.html";
+/// Name of the report page, if it is kept beside the data.
+pub const REPORT_FILE: &str = "report.html";
 
-/// Folders of the shards' files.
-pub const FOLDERS: [&str; 2] = [DATA, "stats"];
-/// The one with the shards themselves.
-pub const DATA: &str = "data";
+/// Folders that hold the files of shards.
+pub const SHARD_FOLDERS: [&str; 2] = [DATA_FOLDER, "stats"];
+/// The folder of the shards themselves.
+pub const DATA_FOLDER: &str = "data";
 
-/// Name of [`lock`].
-pub const LOCK: &str = ".gelsim.lock";
+/// Name of the file of [`lock_path`].
+pub const LOCK_FILE: &str = ".gelsim.lock";
 
-/// The file that is locked while something other than a shard is written.
-pub fn lock(root: &Path) -> PathBuf {
-    root.join(LOCK)
+/// Returns the path of the file that is locked while something other than a shard is written.
+pub fn lock_path(root: &Path) -> PathBuf {
+    root.join(LOCK_FILE)
 }
 
 /// A path and what went wrong there.
-type Failed = (PathBuf, io::Error);
+type PathError = (PathBuf, io::Error);
 
-/// What stands under a name of ours in `root` but is not what we make there: a link, a pipe, a folder instead of a
-/// file. In words; none if all is well.
-pub fn strange(root: &Path) -> Result<Option<String>, Failed> {
-    for folder in FOLDERS {
+/// Finds an entry in `root` that has a name of gelsim's but is not what gelsim makes there: a link, a pipe, a folder
+/// instead of a file. Returns its description, or `None` if all is well.
+pub fn find_strange_entry(root: &Path) -> Result<Option<String>, PathError> {
+    for folder in SHARD_FOLDERS {
         let path = root.join(folder);
-        match kind(&path)? {
-            Some(kind) if !kind.is_dir() => return Ok(Some(describe(&path, kind))),
+        match read_file_type(&path)? {
+            Some(kind) if !kind.is_dir() => return Ok(Some(describe_file_type(&path, kind))),
             _ => {}
         }
     }
-    for file in FILES.into_iter().chain([LOCK]) {
+    for file in ROOT_FILES.into_iter().chain([LOCK_FILE]) {
         let path = root.join(file);
-        match kind(&path)? {
-            Some(kind) if !kind.is_file() => return Ok(Some(describe(&path, kind))),
+        match read_file_type(&path)? {
+            Some(kind) if !kind.is_file() => return Ok(Some(describe_file_type(&path, kind))),
             _ => {}
         }
     }
-    for folder in FOLDERS {
-        for Ours { path, is_folder, .. } in of_shards(root, folder)? {
-            match kind(&path)? {
+    for folder in SHARD_FOLDERS {
+        for ShardFile { path, is_folder, .. } in list_shard_files(root, folder)? {
+            match read_file_type(&path)? {
                 Some(kind) if kind.is_dir() && is_folder => {
-                    let inside = imagefolder::strange(&path).map_err(|error| (path.clone(), error))?;
+                    let inside = imagefolder::find_strange_file(&path).map_err(|error| (path.clone(), error))?;
                     if let Some(inside) = inside.map(|name| path.join(name))
-                        && let Some(kind) = self::kind(&inside)?
+                        && let Some(kind) = self::read_file_type(&inside)?
                     {
-                        return Ok(Some(describe(&inside, kind)));
+                        return Ok(Some(describe_file_type(&inside, kind)));
                     }
                 }
-                Some(kind) if !kind.is_file() || is_folder => return Ok(Some(describe(&path, kind))),
+                Some(kind) if !kind.is_file() || is_folder => return Ok(Some(describe_file_type(&path, kind))),
                 _ => {}
             }
         }
@@ -75,8 +75,8 @@ pub fn strange(root: &Path) -> Result<Option<String>, Failed> {
     Ok(None)
 }
 
-/// What is at `path` itself, links not followed.
-fn kind(path: &Path) -> Result<Option<FileType>, Failed> {
+/// Returns the type of what is at `path` itself, without following links; `None` if there is nothing.
+fn read_file_type(path: &Path) -> Result<Option<FileType>, PathError> {
     match fs::symlink_metadata(path) {
         Ok(meta) => Ok(Some(meta.file_type())),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -84,7 +84,7 @@ fn kind(path: &Path) -> Result<Option<FileType>, Failed> {
     }
 }
 
-fn describe(path: &Path, kind: FileType) -> String {
+fn describe_file_type(path: &Path, kind: FileType) -> String {
     let what = match kind {
         kind if kind.is_symlink() => "a symbolic link",
         kind if kind.is_dir() => "a folder",
@@ -94,43 +94,43 @@ fn describe(path: &Path, kind: FileType) -> String {
     format!("{} is {what}", path.display())
 }
 
-/// The shard that a file or folder in `data` or `stats` belongs to, partial ones and locks included; and the rest of its
-/// name, after the shard's.
-fn shard(name: &str) -> Option<(&str, &str)> {
+/// Parses the name of a file or folder in `data` or `stats`, partial ones and locks included. Returns the name of the
+/// shard and the rest; `None` if it is none of a shard's.
+fn parse_shard_name(name: &str) -> Option<(&str, &str)> {
     let hidden = name.strip_prefix('.').unwrap_or(name);
     let (stem, ending) = hidden.split_at(hidden.find('.').unwrap_or(hidden.len()));
     let (split, number) = stem.split_once('-')?;
     let counted = number.len() == 6 && number.bytes().all(|byte| byte.is_ascii_digit());
     let ours = counted && Split::ALL.iter().any(|known| known.name() == split);
-    // Hidden names of ours say what they are.
+    // A hidden name must have an ending that says what it is.
     (ours && (!ending.is_empty() || hidden == name)).then_some((stem, ending))
 }
 
-/// Something of a shard's.
-struct Ours {
+/// A file or folder of a shard.
+struct ShardFile {
     path: PathBuf,
     /// Name of the shard.
     shard: String,
-    /// True if it is a shard that is a folder, also while it is written or goes aside.
+    /// Whether it is a shard in the form of a folder, also while it is being written or replaced.
     is_folder: bool,
 }
 
-/// What is there of shards in the folder `folder` of a dataset; nothing if there is no such folder.
-fn of_shards(root: &Path, folder: &str) -> Result<Vec<Ours>, Failed> {
+/// Lists what belongs to shards in the folder `folder` of a dataset; empty if there is no such folder.
+fn list_shard_files(root: &Path, folder: &str) -> Result<Vec<ShardFile>, PathError> {
     let path = root.join(folder);
     let mut found = Vec::new();
-    for name in entries(&path).map_err(|error| (path.clone(), error))? {
-        let Some((shard, ending)) = name.to_str().and_then(shard) else { continue };
+    for name in list_folder(&path).map_err(|error| (path.clone(), error))? {
+        let Some((shard, ending)) = name.to_str().and_then(parse_shard_name) else { continue };
         let is_folder = ["", ".partial", ".replaced.partial"].contains(&ending);
-        if !is_folder || folder == DATA {
-            found.push(Ours { path: path.join(&name), shard: shard.to_owned(), is_folder });
+        if !is_folder || folder == DATA_FOLDER {
+            found.push(ShardFile { path: path.join(&name), shard: shard.to_owned(), is_folder });
         }
     }
     Ok(found)
 }
 
-/// The names in a folder; none if it is not there.
-pub fn entries(folder: &Path) -> io::Result<Vec<std::ffi::OsString>> {
+/// Lists the names in a folder; empty if it does not exist.
+pub fn list_folder(folder: &Path) -> io::Result<Vec<std::ffi::OsString>> {
     match fs::read_dir(folder) {
         Ok(entries) => entries.map(|entry| entry.map(|entry| entry.file_name())).collect(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
@@ -138,13 +138,14 @@ pub fn entries(folder: &Path) -> io::Result<Vec<std::ffi::OsString>> {
     }
 }
 
-/// True if the folder has something in it that may not be a dataset's.
-pub fn is_foreign(root: &Path) -> io::Result<bool> {
-    for name in entries(root)? {
+/// Returns true if the folder has an entry that may not be a dataset's.
+pub fn has_foreign_entries(root: &Path) -> io::Result<bool> {
+    for name in list_folder(root)? {
         let name = name.to_string_lossy();
-        // A run that was killed right at its start leaves these: shards come after job.toml.
-        let is_empty = |folder: &str| entries(&root.join(folder)).is_ok_and(|inside| inside.is_empty());
-        let ours = name == LOCK || name.starts_with(".job.toml.") || FOLDERS.contains(&&*name) && is_empty(&name);
+        // A run that was killed right at its start leaves only these: shards come after job.toml.
+        let is_empty = |folder: &str| list_folder(&root.join(folder)).is_ok_and(|inside| inside.is_empty());
+        let ours =
+            name == LOCK_FILE || name.starts_with(".job.toml.") || SHARD_FOLDERS.contains(&&*name) && is_empty(&name);
         if !ours {
             return Ok(true);
         }
@@ -152,69 +153,71 @@ pub fn is_foreign(root: &Path) -> io::Result<bool> {
     Ok(false)
 }
 
-/// The stats of shards in `root`, whole or not.
-pub fn stats(root: &Path) -> Result<Vec<PathBuf>, Failed> {
-    let of_shards = of_shards(root, "stats")?.into_iter().map(|ours| ours.path);
+/// Lists the files of stats in `root`, valid or not.
+pub fn list_stats_files(root: &Path) -> Result<Vec<PathBuf>, PathError> {
+    let of_shards = list_shard_files(root, "stats")?.into_iter().map(|ours| ours.path);
     let is_stats = |path: &PathBuf| path.file_name().is_some_and(|name| !name.to_string_lossy().starts_with('.'));
     Ok(of_shards.filter(is_stats).collect())
 }
 
-/// Removes the dataset in `root` and nothing else, under its [`lock`]. The inner error says who is writing there: then
-/// nothing is removed.
-pub fn clear(root: &Path) -> Result<Result<(), String>, Failed> {
+/// Removes the dataset in `root` and nothing else. The caller holds the lock of [`lock_path`]. The inner error says who
+/// is writing a shard; then nothing is removed.
+pub fn remove_dataset(root: &Path) -> Result<Result<(), String>, PathError> {
+    // Hold the lock of every shard until the end, so that no other run begins one meanwhile.
     let mut held = Vec::new();
-    for Ours { path, shard, .. } in of_shards(root, DATA)? {
+    for ShardFile { path, shard, .. } in list_shard_files(root, DATA_FOLDER)? {
         if path.extension().is_some_and(|ending| ending == "lock") {
-            match Lock::take(&path).map_err(|error| (path, error))? {
+            match Lock::try_acquire(&path).map_err(|error| (path, error))? {
                 Ok(lock) => held.push(lock),
                 Err(holder) => return Ok(Err(format!("{shard} is being written by {holder}"))),
             }
         }
     }
-    for folder in FOLDERS {
-        for Ours { path, .. } in of_shards(root, folder)? {
-            match remove(&path) {
-                // Something of the user's own is in it.
+    for folder in SHARD_FOLDERS {
+        for ShardFile { path, .. } in list_shard_files(root, folder)? {
+            match remove_path(&path) {
+                // It holds something of the user's own.
                 Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {}
                 removed => removed.map_err(|error| (path.clone(), error))?,
             }
-            Step::OldShardRemoved.reached(&path);
+            Step::OldShardRemoved.pause_if_requested(&path);
         }
         let folder = root.join(folder);
         match fs::remove_dir(&folder) {
-            // Something of the user's own is in it.
+            // It holds something of the user's own.
             Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {}
-            removed => absent_is_fine(removed).map_err(|error| (folder.clone(), error))?,
+            removed => ignore_not_found(removed).map_err(|error| (folder.clone(), error))?,
         }
-        Step::OldFolderRemoved.reached(&folder);
+        Step::OldFolderRemoved.pause_if_requested(&folder);
     }
-    for path in FILES.map(|file| root.join(file)) {
-        remove(&path).map_err(|error| (path.clone(), error))?;
-        Step::OldFileRemoved.reached(&path);
+    for path in ROOT_FILES.map(|file| root.join(file)) {
+        remove_path(&path).map_err(|error| (path.clone(), error))?;
+        Step::OldFileRemoved.pause_if_requested(&path);
     }
     Ok(Ok(()))
 }
 
-/// Removes what killed runs left. Only under the [`lock`] of a dataset of which all shards are complete; what belongs
-/// to a shard that another process has locked stays.
-pub fn sweep(root: &Path) -> io::Result<()> {
-    for name in entries(root)? {
+/// Removes what killed runs left. The caller holds the lock of [`lock_path`], and all shards must be complete. What
+/// belongs to a shard that another process has locked stays.
+pub fn remove_leftovers(root: &Path) -> io::Result<()> {
+    for name in list_folder(root)? {
         let partial = name.to_str().is_some_and(|name| {
-            let of_ours = FILES.iter().any(|file| name.strip_prefix('.').is_some_and(|rest| rest.starts_with(file)));
+            let of_ours =
+                ROOT_FILES.iter().any(|file| name.strip_prefix('.').is_some_and(|rest| rest.starts_with(file)));
             of_ours && name.ends_with(".partial")
         });
         if partial {
-            remove(&root.join(name))?;
+            remove_path(&root.join(name))?;
         }
     }
-    for folder in FOLDERS {
-        for Ours { path, shard, .. } in of_shards(root, folder).map_err(|(_, error)| error)? {
+    for folder in SHARD_FOLDERS {
+        for ShardFile { path, shard, .. } in list_shard_files(root, folder).map_err(|(_, error)| error)? {
             let name = path.file_name().expect("found under a name").to_string_lossy();
             if name.starts_with('.') && (name.ends_with(".partial") || name.ends_with(".lock")) {
-                // A lock that is free goes with the file it was taken on.
-                let lock = Lock::take(&root.join(DATA).join(format!(".{shard}.lock")))?;
+                // A lock that is free is removed with its file.
+                let lock = Lock::try_acquire(&root.join(DATA_FOLDER).join(format!(".{shard}.lock")))?;
                 if lock.is_ok() {
-                    remove(&path)?;
+                    remove_path(&path)?;
                 }
             }
         }
@@ -222,11 +225,11 @@ pub fn sweep(root: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Removes a file, or the folder of a shard unless something is in it that is not ours; if it is there.
-pub fn remove(path: &Path) -> io::Result<()> {
+/// Removes a file, or the folder of a shard unless it holds something that gelsim did not make. It need not exist.
+pub fn remove_path(path: &Path) -> io::Result<()> {
     match path.symlink_metadata() {
-        Ok(meta) if meta.is_dir() => absent_is_fine(imagefolder::remove(path)),
-        _ => absent_is_fine(fs::remove_file(path)),
+        Ok(meta) if meta.is_dir() => ignore_not_found(imagefolder::remove_folder(path)),
+        _ => ignore_not_found(fs::remove_file(path)),
     }
 }
 
@@ -240,16 +243,16 @@ mod tests {
             ["train-000000.tar", "train-000000", ".val-000012.tar.partial", ".test-999999.lock", "train-000001.json"];
         let theirs =
             [".train-000000", "train-00000.tar", "other-000000.tar", "train-+00001", "measured.csv", ".", "", "-"];
-        assert_eq!(ours.map(|name| shard(name).is_some()), [true; 5]);
-        assert_eq!(theirs.map(shard), [None; 8]);
-        assert_eq!(shard(".train-000003.json.77.partial"), Some(("train-000003", ".json.77.partial")));
+        assert_eq!(ours.map(|name| parse_shard_name(name).is_some()), [true; 5]);
+        assert_eq!(theirs.map(parse_shard_name), [None; 8]);
+        assert_eq!(parse_shard_name(".train-000003.json.77.partial"), Some(("train-000003", ".json.77.partial")));
     }
 
     #[test]
     fn what_is_not_ours_outlives_the_dataset() {
         let root = tempfile::tempdir().expect("a folder");
         let path = |name: &str| root.path().join(name);
-        for folder in FOLDERS {
+        for folder in SHARD_FOLDERS {
             fs::create_dir(path(folder)).expect("a folder");
         }
         let ours = ["data/train-000000.tar", "stats/train-000000.json", "job.toml", "README.md"];
@@ -257,7 +260,7 @@ mod tests {
         for name in ours.iter().chain(&theirs) {
             fs::write(path(name), name).expect("a file");
         }
-        clear(root.path()).expect("no failure").expect("nobody writes");
+        remove_dataset(root.path()).expect("no failure").expect("nobody writes");
         assert!(ours.iter().all(|name| !path(name).exists()) && !path("stats").exists());
         assert!(theirs.iter().all(|name| path(name).exists()));
     }
@@ -272,7 +275,7 @@ mod tests {
             fs::write(path(folder).join("000000001.json"), "{}").expect("a file");
         }
         fs::write(path("data/train-000002/notes.txt"), "mine").expect("a file");
-        clear(root.path()).expect("no failure").expect("nobody writes");
+        remove_dataset(root.path()).expect("no failure").expect("nobody writes");
         assert!(folders.iter().all(|name| !path(name).exists()));
         assert!(path("stats/train-000000/000000001.json").exists(), "no shard's");
         assert!(path("data/train-000002/notes.txt").exists());
@@ -284,19 +287,19 @@ mod tests {
         let root = tempfile::tempdir().expect("a folder");
         let path = |name: &str| root.path().join(name);
         fs::create_dir(path("data")).expect("a folder");
-        let held = Lock::take(&path("data/.train-000000.lock")).expect("a lock").expect("free");
+        let held = Lock::try_acquire(&path("data/.train-000000.lock")).expect("a lock").expect("free");
         let names = ["data/.train-000000.tar.partial", "data/.train-000001.tar.partial", "data/.train-000001.lock"];
         for name in names {
             fs::write(path(name), "").expect("a file");
         }
-        sweep(root.path()).expect("swept");
+        remove_leftovers(root.path()).expect("swept");
         assert_eq!(names.map(|name| path(name).exists()), [true, false, false]);
         assert!(path("data/.train-000000.lock").exists());
-        let holder = clear(root.path()).expect("no failure").expect_err("a writer");
+        let holder = remove_dataset(root.path()).expect("no failure").expect_err("a writer");
         assert!(holder.starts_with("train-000000 is being written by process "), "{holder}");
         assert!(path(names[0]).exists());
         drop(held);
-        clear(root.path()).expect("no failure").expect("nobody writes");
+        remove_dataset(root.path()).expect("no failure").expect("nobody writes");
         assert!(!path("data").exists());
     }
 }

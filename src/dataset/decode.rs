@@ -1,27 +1,32 @@
-//! Float layers read back, whatever format they were written in: the inverse of [`super::encode`].
+//! Decodes float layers from any format in which they are written: the inverse of [`super::encode`].
 
-use super::archive::Files;
+use super::archive::SampleFiles;
 use gelsim_core::base::grid::Grid;
-use gelsim_files::exr::{self, Planes};
-use gelsim_files::npy::{self, Numbers};
-use gelsim_job::layers::{Coding, DepthFormat, OutputLayer};
+use gelsim_files::exr::{self, ImagePlanes};
+use gelsim_files::npy::{self, NumberArray};
+use gelsim_job::layers::{DepthFormat, LayerCoding, OutputLayer};
 use gelsim_job::steps::Steps;
 
-/// Decodes a float layer; `steps` are the label's.
-pub fn planes(layer: OutputLayer, coding: Coding, bytes: &[u8], steps: &Steps) -> Result<Planes, String> {
+/// Decodes a float layer. `steps` are those of the label.
+pub fn decode_planes(
+    layer: OutputLayer,
+    coding: LayerCoding,
+    bytes: &[u8],
+    steps: &Steps,
+) -> Result<ImagePlanes, String> {
     match coding {
-        Coding::Exr => exr::planes(bytes),
-        Coding::Npy => array(layer.channels(), npy::decode_numbers(bytes)?),
-        Coding::Png16(scale) => {
+        LayerCoding::Exr => exr::decode_planes(bytes),
+        LayerCoding::Npy => split_channels(layer.channels(), npy::decode_numbers(bytes)?),
+        LayerCoding::Png16(scale) => {
             let Grid { width, height, data } = steps.decode(scale, bytes)?;
-            Ok(Planes { width, height, channels: vec![(layer.channels().concat(), data)] })
+            Ok(ImagePlanes { width, height, channels: vec![(layer.channels().concat(), data)] })
         }
-        Coding::Png | Coding::Json => Err(String::from("no layer of floats")),
+        LayerCoding::Png | LayerCoding::Json => Err(String::from("no layer of floats")),
     }
 }
 
-/// An array of rows and columns, with a third axis if there are several channels.
-fn array(names: &[&str], Numbers { shape, values }: Numbers) -> Result<Planes, String> {
+/// Splits an array of rows and columns, with a third axis if there are several channels, into its channels.
+fn split_channels(names: &[&str], NumberArray { shape, values }: NumberArray) -> Result<ImagePlanes, String> {
     let (height, width) = match *shape.as_slice() {
         [height, width] if names.len() == 1 => (height, width),
         [height, width, depth] if names.len() > 1 && depth == names.len() => (height, width),
@@ -29,16 +34,21 @@ fn array(names: &[&str], Numbers { shape, values }: Numbers) -> Result<Planes, S
     };
     let plane = |k: usize| values.iter().skip(k).step_by(names.len()).map(|value| *value as f32).collect();
     let channels = names.iter().enumerate().map(|(k, name)| ((*name).to_owned(), plane(k))).collect();
-    Ok(Planes { width, height, channels })
+    Ok(ImagePlanes { width, height, channels })
 }
 
-/// A float layer of a sample; `part` stands before its name, as a frame's number or a finger's name with a point behind it
-/// do. `None` if it was written without it.
-pub fn layer(files: &Files, part: &str, layer: OutputLayer, steps: &Steps) -> Result<Option<Planes>, String> {
+/// Decodes a float layer of a sample. `part` stands before its name in the file's name: the number of a frame, or a
+/// finger, with a dot behind it. Returns `None` if the sample has no such layer.
+pub fn decode_layer(
+    files: &SampleFiles,
+    part: &str,
+    layer: OutputLayer,
+    steps: &Steps,
+) -> Result<Option<ImagePlanes>, String> {
     for format in DepthFormat::ALL {
-        let suffix = format!("{part}{}", layer.suffix(format));
-        let Some(bytes) = files.member(&suffix) else { continue };
-        let read = planes(layer, layer.coding(format), bytes, steps);
+        let suffix = format!("{part}{}", layer.file_suffix(format));
+        let Some(bytes) = files.find_member(&suffix) else { continue };
+        let read = decode_planes(layer, layer.coding_for(format), bytes, steps);
         let read = read.map_err(|reason| format!("{}.{suffix}: {reason}", files.key))?;
         let pixels = read.width * read.height;
         return match read.channels.iter().all(|(_, data)| data.len() == pixels) && pixels > 0 {
@@ -66,8 +76,9 @@ mod tests {
             let written: Vec<&[f32]> = named.iter().map(|(_, plane)| *plane).collect();
             let from_exr = exr::encode(width, height, &named, storage);
             let from_npy = npy::encode(width, height, &written);
-            for (coding, bytes) in [(Coding::Exr, from_exr), (Coding::Npy, from_npy)] {
-                let read = planes(layer, coding, &bytes, &Steps::default()).expect("what was written can be read");
+            for (coding, bytes) in [(LayerCoding::Exr, from_exr), (LayerCoding::Npy, from_npy)] {
+                let read =
+                    decode_planes(layer, coding, &bytes, &Steps::default()).expect("what was written can be read");
                 assert_eq!((read.width, read.height), (width, height));
                 let read: Vec<(&str, &[f32])> =
                     read.channels.iter().map(|(name, plane)| (name.as_str(), plane.as_slice())).collect();
@@ -75,8 +86,8 @@ mod tests {
             }
         }
         let three = npy::encode(width, height, &planes_of[..3].iter().map(Vec::as_slice).collect::<Vec<_>>());
-        let refused = planes(OutputLayer::Depth, Coding::Npy, &three, &Steps::default()).err();
+        let refused = decode_planes(OutputLayer::Depth, LayerCoding::Npy, &three, &Steps::default()).err();
         assert_eq!(refused.as_deref(), Some("is of shape [3, 5, 3], not rows and columns of 1 values"));
-        assert!(planes(OutputLayer::Contact, Coding::Png, b"", &Steps::default()).is_err());
+        assert!(decode_planes(OutputLayer::Contact, LayerCoding::Png, b"", &Steps::default()).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! The files of a sample, in the order in which they stand in a shard.
+//! Makes samples and encodes their files, in the order in which they stand in a shard.
 
 use std::path::{Path, PathBuf};
 use std::{fmt, io};
@@ -7,169 +7,181 @@ use serde::Serialize;
 use serde_json::ser::{CompactFormatter, Formatter};
 
 use crate::archive::Member;
-use crate::content::{Content, content};
+use crate::content::{LayerContent, layer_content};
 use crate::spool::Spool;
-use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::effects::PerEffect;
 use gelsim_files::exr::Exr;
 use gelsim_files::{exr, npy, png};
-use gelsim_job::gripper::sequence::Pair;
-use gelsim_job::gripper::{self, FINGERS};
-use gelsim_job::label::{Label, key};
-use gelsim_job::layers::{Coding, Form, OutputLayer};
+use gelsim_job::gripper::sequence::FingerSamples;
+use gelsim_job::gripper::{self, FINGER_NAMES};
+use gelsim_job::label::{Label, sample_key};
+use gelsim_job::layers::{LayerCoding, LayerForm, OutputLayer};
 use gelsim_job::plan::Plan;
-use gelsim_job::sample::{Accepted, Sample, Unfit, accept, render};
-use gelsim_job::sequence::{self, Shown};
+use gelsim_job::sample::{AcceptedSample, RejectedSample, Sample, accept_sample, render};
+use gelsim_job::sequence::{self, SequenceEvent};
 
-/// A sample made and encoded. Its images are not kept.
-pub struct Made {
-    /// Its label; of a sequence what counts of it as a whole.
+/// A sample that was made and encoded. Its images are not kept.
+pub struct EncodedSample {
+    /// Its label; for a sequence or a grip the summary of the complete sample.
     pub label: Label,
-    /// What was drawn before it and rejected.
+    /// Labels of the draws before it that were rejected.
     pub rejected: Vec<Label>,
     /// Its files.
     pub members: Vec<Member>,
     /// CPU seconds of its stages.
     pub seconds: Seconds,
-    /// The same of each effect.
+    /// CPU seconds of each effect.
     pub effects: PerEffect<f64>,
 }
 
-/// Where the files of a sequence stay until it is whole.
+/// Where the files of a sequence are kept until it is complete.
 #[derive(Clone, Copy)]
-pub enum Keep<'a> {
+pub enum FrameStorage<'a> {
     /// In memory.
     InMemory,
-    /// On disk, in the folder `data` of the dataset, until there is no more need for it.
+    /// On disk, in a spool in the folder `data` of the dataset.
     OnDisk {
         /// The folder.
         folder: &'a Path,
-        /// Whether to drop what is under way.
+        /// Returns true if the sample should be dropped.
         stop: &'a (dyn Fn() -> bool + Sync),
     },
 }
 
-/// Why there is no sample.
+/// Why a sample could not be made.
 #[derive(Debug)]
-pub enum Unmade {
+pub enum SampleError {
     /// No draw of it may go into the dataset.
-    Unfit(Unfit),
-    /// There was no keeping its files.
+    Rejected(RejectedSample),
+    /// Its files could not be kept on disk.
     Io(PathBuf, io::Error),
-    /// It was to be dropped.
+    /// It was dropped because the run stops.
     Stopped,
 }
 
-impl From<Unfit> for Unmade {
-    fn from(unfit: Unfit) -> Self {
-        Self::Unfit(unfit)
+impl From<RejectedSample> for SampleError {
+    fn from(unfit: RejectedSample) -> Self {
+        Self::Rejected(unfit)
     }
 }
 
-impl fmt::Display for Unmade {
+impl fmt::Display for SampleError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unfit(Unfit(label)) => write!(f, "no draw of it is healthy: {}", label.health.reason),
+            Self::Rejected(RejectedSample(label)) => write!(f, "no draw of it is healthy: {}", label.health.reason),
             Self::Io(path, error) => write!(f, "{}: {error}", path.display()),
             Self::Stopped => f.write_str("it was stopped"),
         }
     }
 }
 
-/// Makes sample `index` as a dataset has it: a press, a grip, or a sequence.
-pub fn make(plan: &Plan, index: u64, keep: Keep<'_>) -> Result<Made, Unmade> {
+/// Makes sample `index` as a dataset has it: a press, a grip, or a sequence. The error says why there is none.
+pub fn make_sample(plan: &Plan, index: u64, keep: FrameStorage<'_>) -> Result<EncodedSample, SampleError> {
     match (&plan.job().sequence, &plan.job().gripper) {
-        (None, None) => Ok(press(plan, accept(plan, index)?)),
-        (None, Some(_)) => Ok(grip(plan, gripper::accept(plan, index)?)),
-        (Some(_), None) => sequence(plan, index, keep, layers, |each| sequence::accept(plan, index, each)),
-        (Some(_), Some(_)) => {
-            sequence(plan, index, keep, layers_of_both, |each| gripper::sequence::accept(plan, index, each))
+        (None, None) => Ok(encode_press(plan, accept_sample(plan, index)?)),
+        (None, Some(_)) => Ok(encode_grip(plan, gripper::accept_grip(plan, index)?)),
+        (Some(_), None) => {
+            encode_sequence(plan, index, keep, encode_layers, |each| sequence::accept_sequence(plan, index, each))
         }
+        (Some(_), Some(_)) => encode_sequence(plan, index, keep, encode_both_fingers, |each| {
+            gripper::sequence::accept_grip_sequence(plan, index, each)
+        }),
     }
 }
 
-/// The same in memory, of its first draw if no draw of it may go into a dataset.
-pub fn make_shown(plan: &Plan, index: u64) -> Made {
-    make(plan, index, Keep::InMemory).unwrap_or_else(|_| match (&plan.job().sequence, &plan.job().gripper) {
-        (None, None) => press(plan, Accepted { sample: render(plan, index), rejected: Vec::new() }),
-        (None, Some(_)) => {
-            grip(plan, gripper::Accepted { grip: gripper::render(plan, index, 0), rejected: Vec::new() })
-        }
-        (Some(_), None) => {
-            let first = |each: &mut Each<'_, Sample>| {
-                sequence::render(plan, index, 0, |sample, number| each(Shown::Frame(Box::new(sample), number)))
-            };
-            sequence(plan, index, Keep::InMemory, layers, first).expect("nothing stops it")
-        }
-        (Some(_), Some(_)) => {
-            let first = |each: &mut Each<'_, Pair>| {
-                gripper::sequence::render(plan, index, 0, |pair, number| each(Shown::Frame(Box::new(pair), number)))
-            };
-            sequence(plan, index, Keep::InMemory, layers_of_both, first).expect("nothing stops it")
+/// Makes a sample in memory as [`make_sample`] does. If no draw of it may go into a dataset, it is made from the first
+/// draw.
+pub fn make_sample_for_display(plan: &Plan, index: u64) -> EncodedSample {
+    make_sample(plan, index, FrameStorage::InMemory).unwrap_or_else(|_| {
+        match (&plan.job().sequence, &plan.job().gripper) {
+            (None, None) => encode_press(plan, AcceptedSample { sample: render(plan, index), rejected: Vec::new() }),
+            (None, Some(_)) => {
+                encode_grip(plan, gripper::AcceptedGrip { grip: gripper::render(plan, index, 0), rejected: Vec::new() })
+            }
+            (Some(_), None) => {
+                let first = |each: &mut SequenceVisitor<'_, Sample>| {
+                    sequence::render(plan, index, 0, |sample, number| {
+                        each(SequenceEvent::Frame(Box::new(sample), number))
+                    })
+                };
+                encode_sequence(plan, index, FrameStorage::InMemory, encode_layers, first).expect("nothing stops it")
+            }
+            (Some(_), Some(_)) => {
+                let first = |each: &mut SequenceVisitor<'_, FingerSamples>| {
+                    gripper::sequence::render(plan, index, 0, |pair, number| {
+                        each(SequenceEvent::Frame(Box::new(pair), number))
+                    })
+                };
+                encode_sequence(plan, index, FrameStorage::InMemory, encode_both_fingers, first)
+                    .expect("nothing stops it")
+            }
         }
     })
 }
 
 /// Encodes a press.
-pub fn press(plan: &Plan, Accepted { sample, rejected }: Accepted) -> Made {
-    let mut clock = Clock::start();
-    let members = members(plan, &sample);
+pub fn encode_press(plan: &Plan, AcceptedSample { sample, rejected }: AcceptedSample) -> EncodedSample {
+    let mut clock = ThreadClock::start();
+    let members = encode_members(plan, &sample);
     let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
-    Made { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds }
+    EncodedSample { label: sample.label, rejected, members, seconds, effects: sample.impression.effects.seconds }
 }
 
 /// Encodes a grip: the files of its left finger, then those of its right one, and one label.
-pub fn grip(plan: &Plan, gripper::Accepted { grip, rejected }: gripper::Accepted) -> Made {
-    let mut clock = Clock::start();
-    let mut members = layers_of_both(plan, &grip.fingers);
-    members.push(Member::new("json", json(&grip.label)));
+pub fn encode_grip(plan: &Plan, gripper::AcceptedGrip { grip, rejected }: gripper::AcceptedGrip) -> EncodedSample {
+    let mut clock = ThreadClock::start();
+    let mut members = encode_both_fingers(plan, &grip.fingers);
+    members.push(Member::new("json", to_json_line(&grip.label)));
     let gripper::Grip { summary, mut seconds, effects, .. } = grip;
     seconds.encode += clock.lap();
-    Made { label: summary, rejected, members, seconds, effects }
+    EncodedSample { label: summary, rejected, members, seconds, effects }
 }
 
 /// Encodes the tactile image and the layers of the left finger, then those of the right one.
-fn layers_of_both(plan: &Plan, fingers: &Pair) -> Vec<Member> {
+fn encode_both_fingers(plan: &Plan, fingers: &FingerSamples) -> Vec<Member> {
     let of_finger = |(name, sample): (&str, &Sample)| {
         let named = |member: Member| Member { suffix: format!("{name}.{}", member.suffix), ..member };
-        layers(plan, sample).into_iter().map(named).collect::<Vec<_>>()
+        encode_layers(plan, sample).into_iter().map(named).collect::<Vec<_>>()
     };
-    FINGERS.into_iter().zip(fingers).flat_map(of_finger).collect()
+    FINGER_NAMES.into_iter().zip(fingers).flat_map(of_finger).collect()
 }
 
-/// Who is shown a sequence.
-type Each<'a, S> = dyn FnMut(Shown<S>) -> Result<(), Unmade> + 'a;
+/// Receives the events of a sequence, frame by frame.
+type SequenceVisitor<'a, S> = dyn FnMut(SequenceEvent<S>) -> Result<(), SampleError> + 'a;
 
-/// Encodes sequence `index`, which `draw` shows frame by frame: only their files, which `layers` encodes, are kept.
-fn sequence<S, L: Serialize>(
+/// Encodes sequence `index`. `draw` calls its argument with each frame, and only the files that `layers` makes of it
+/// are kept.
+fn encode_sequence<S, L: Serialize>(
     plan: &Plan,
     index: u64,
-    keep: Keep<'_>,
+    keep: FrameStorage<'_>,
     layers: impl Fn(&Plan, &S) -> Vec<Member>,
-    draw: impl FnOnce(&mut Each<'_, S>) -> Result<sequence::Accepted<L>, Unmade>,
-) -> Result<Made, Unmade> {
+    draw: impl FnOnce(&mut SequenceVisitor<'_, S>) -> Result<sequence::AcceptedSequence<L>, SampleError>,
+) -> Result<EncodedSample, SampleError> {
     let (mut members, mut encode) = (Vec::new(), 0.0);
     let path = match keep {
-        Keep::InMemory => PathBuf::new(),
-        Keep::OnDisk { folder, .. } => {
-            folder.join(format!(".{}.{}.partial", plan.layout.shard_of(index).name(), key(index)))
+        FrameStorage::InMemory => PathBuf::new(),
+        FrameStorage::OnDisk { folder, .. } => {
+            folder.join(format!(".{}.{}.partial", plan.layout.shard_of(index).name(), sample_key(index)))
         }
     };
-    let failed = |error| Unmade::Io(path.clone(), error);
+    let failed = |error| SampleError::Io(path.clone(), error);
     let mut spool = match keep {
-        Keep::InMemory => None,
-        Keep::OnDisk { .. } => Some(Spool::create(&path).map_err(failed)?),
+        FrameStorage::InMemory => None,
+        FrameStorage::OnDisk { .. } => Some(Spool::create(&path).map_err(failed)?),
     };
     let accepted = draw(&mut |shown| {
         match shown {
-            Shown::Begin => {
+            // A new draw begins: forget the files of the one that was rejected.
+            SequenceEvent::Begin => {
                 members.clear();
                 spool.as_mut().map_or(Ok(()), Spool::clear).map_err(failed)?;
             }
-            Shown::Frame(shown, number) => {
-                let mut clock = Clock::start();
+            SequenceEvent::Frame(shown, number) => {
+                let mut clock = ThreadClock::start();
                 for mut member in layers(plan, &shown) {
-                    member.suffix = format!("{}.{}", frame(number), member.suffix);
+                    member.suffix = format!("{}.{}", frame_name(number), member.suffix);
                     members.push(match &mut spool {
                         None => member,
                         Some(spool) => spool.put(member).map_err(failed)?,
@@ -179,64 +191,64 @@ fn sequence<S, L: Serialize>(
             }
         }
         match keep {
-            Keep::OnDisk { stop, .. } if stop() => Err(Unmade::Stopped),
+            FrameStorage::OnDisk { stop, .. } if stop() => Err(SampleError::Stopped),
             _ => Ok(()),
         }
     })?;
-    let mut clock = Clock::start();
-    members.push(Member::new("json", json(&accepted.label)));
+    let mut clock = ThreadClock::start();
+    members.push(Member::new("json", to_json_line(&accepted.label)));
     let seconds = Seconds { encode: encode + clock.lap(), ..accepted.seconds };
-    let sequence::Accepted { summary, rejected, effects, .. } = accepted;
-    Ok(Made { label: summary, rejected, members, seconds, effects })
+    let sequence::AcceptedSequence { summary, rejected, effects, .. } = accepted;
+    Ok(EncodedSample { label: summary, rejected, members, seconds, effects })
 }
 
-/// What stands in the names of a frame's files, after the sample's key.
-pub fn frame(number: u32) -> String {
+/// Returns the name of a frame that stands in the names of its files, behind the sample's key.
+pub fn frame_name(number: u32) -> String {
     format!("f{number:04}")
 }
 
 /// Encodes the tactile image, the layers and the label.
-pub fn members(plan: &Plan, sample: &Sample) -> Vec<Member> {
-    let mut members = layers(plan, sample);
-    members.push(Member::new("json", json(&sample.label)));
+pub fn encode_members(plan: &Plan, sample: &Sample) -> Vec<Member> {
+    let mut members = encode_layers(plan, sample);
+    members.push(Member::new("json", to_json_line(&sample.label)));
     members
 }
 
 /// Encodes the tactile image and the layers.
-pub fn layers(plan: &Plan, sample: &Sample) -> Vec<Member> {
+pub fn encode_layers(plan: &Plan, sample: &Sample) -> Vec<Member> {
     let image = &sample.impression.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
     for layer in &plan.layers() {
-        let bytes = match content(sample, *layer) {
-            Content::Floats(values) => match layer.channels().len() {
-                0 | 1 => float_layer(plan, sample, *layer, &[&values]),
+        let bytes = match layer_content(sample, *layer) {
+            LayerContent::Floats(values) => match layer.channels().len() {
+                0 | 1 => encode_float_layer(plan, sample, *layer, &[&values]),
                 count => {
                     let plane = |k: usize| values.iter().skip(k).step_by(count).copied().collect();
                     let planes: Vec<Vec<f32>> = (0..count).map(plane).collect();
-                    float_layer(plan, sample, *layer, &planes.iter().map(Vec::as_slice).collect::<Vec<_>>())
+                    encode_float_layer(plan, sample, *layer, &planes.iter().map(Vec::as_slice).collect::<Vec<_>>())
                 }
             },
-            Content::Bytes(bytes) => match layer.spec().form {
-                Form::Rgb => png::encode_rgb(width, height, &bytes),
+            LayerContent::Bytes(bytes) => match layer.spec().form {
+                LayerForm::Rgb => png::encode_rgb(width, height, &bytes),
                 _ => png::encode_grey(width, height, &bytes),
             },
-            Content::Markers(positions) => json(&positions),
+            LayerContent::Markers(positions) => to_json_line(&positions),
         };
-        members.push(Member::new(layer.suffix(plan.output().depth_format), bytes));
+        members.push(Member::new(layer.file_suffix(plan.output().depth_format), bytes));
     }
     members
 }
 
-/// Encodes a layer of floats in the format that the job wants.
-fn float_layer(plan: &Plan, sample: &Sample, layer: OutputLayer, planes: &[&[f32]]) -> Vec<u8> {
+/// Encodes a layer of floats in the format that the job selects.
+fn encode_float_layer(plan: &Plan, sample: &Sample, layer: OutputLayer, planes: &[&[f32]]) -> Vec<u8> {
     let (width, height) = (sample.impression.image.width, sample.impression.image.height);
-    match layer.coding(plan.output().depth_format) {
-        Coding::Npy => npy::encode(width, height, planes),
-        Coding::Png16(scale) => sample.label.png16.encode(scale, width, height, planes[0]),
+    match layer.coding_for(plan.output().depth_format) {
+        LayerCoding::Npy => npy::encode(width, height, planes),
+        LayerCoding::Png16(scale) => sample.label.png16.encode(scale, width, height, planes[0]),
         _ => {
             let pixel = match layer.spec().form {
-                Form::Floats { pixel, .. } => pixel.unwrap_or(plan.output().exr.pixel),
+                LayerForm::Floats { pixel, .. } => pixel.unwrap_or(plan.output().exr.pixel),
                 _ => plan.output().exr.pixel,
             };
             let named: Vec<(&str, &[f32])> = layer.channels().iter().copied().zip(planes.iter().copied()).collect();
@@ -245,8 +257,8 @@ fn float_layer(plan: &Plan, sample: &Sample, layer: OutputLayer, planes: &[&[f32
     }
 }
 
-/// A value as JSON on one line, its floats with a decimal point; those that are not finite become null.
-pub fn json(value: &impl Serialize) -> Vec<u8> {
+/// Formats a value as JSON on one line. Floats have a decimal point; those that are not finite become null.
+pub fn to_json_line(value: &impl Serialize) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut bytes, DecimalPoints);
     value.serialize(&mut serializer).expect("all that is written has string keys");
@@ -275,7 +287,7 @@ impl Formatter for DecimalPoints {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::archive::Bytes;
+    use crate::archive::FileContent;
     use gelsim_job::config::Overrides;
 
     fn slide(folder: &Path) -> Plan {
@@ -295,14 +307,15 @@ mod tests {
     fn the_frames_of_a_sequence_wait_on_disk_and_are_the_same() {
         let folder = tempfile::tempdir().expect("a folder");
         let plan = slide(folder.path());
-        let on_disk = Keep::OnDisk { folder: folder.path(), stop: &|| false };
-        let (held, kept) = (make(&plan, 0, Keep::InMemory).unwrap(), make(&plan, 0, on_disk).unwrap());
+        let on_disk = FrameStorage::OnDisk { folder: folder.path(), stop: &|| false };
+        let (held, kept) =
+            (make_sample(&plan, 0, FrameStorage::InMemory).unwrap(), make_sample(&plan, 0, on_disk).unwrap());
         assert_eq!(held.members.len(), kept.members.len());
         let mut images = 0;
         for (held, kept) in held.members.iter().zip(&kept.members) {
             assert_eq!(held.suffix, kept.suffix);
-            assert!(matches!(held.bytes, Bytes::Held(_)));
-            assert_eq!(matches!(kept.bytes, Bytes::Spooled { .. }), kept.suffix != "json", "{}", kept.suffix);
+            assert!(matches!(held.bytes, FileContent::InMemory(_)));
+            assert_eq!(matches!(kept.bytes, FileContent::Spooled { .. }), kept.suffix != "json", "{}", kept.suffix);
             if kept.suffix.ends_with(".png") {
                 images += 1;
                 assert!(held.bytes.read().unwrap() == kept.bytes.read().unwrap(), "{}", kept.suffix);
@@ -319,10 +332,10 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let plan = slide(folder.path());
         let asked = AtomicU32::new(0);
-        // Asked once at its begin, and after each frame.
+        // `stop` is asked once at the beginning, and after each frame.
         let third = || asked.fetch_add(1, Ordering::Relaxed) == 3;
-        let stopped = make(&plan, 0, Keep::OnDisk { folder: folder.path(), stop: &third });
-        assert!(matches!(stopped, Err(Unmade::Stopped)));
+        let stopped = make_sample(&plan, 0, FrameStorage::OnDisk { folder: folder.path(), stop: &third });
+        assert!(matches!(stopped, Err(SampleError::Stopped)));
         assert_eq!(asked.into_inner(), 4);
     }
 }

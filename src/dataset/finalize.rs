@@ -1,92 +1,94 @@
-//! The end of a dataset: manifest, index and card, written once all its shards are there.
+//! Completes a dataset: writes its manifest, index and card once all its shards are there.
 //!
-//! Whoever finishes last does it, and doing it again gives the same bytes.
+//! The process that finishes last does it. Doing it again gives the same bytes.
 
 use gelsim_files::fail_point::Step;
 use std::path::PathBuf;
 
-use super::card::descriptions;
+use super::card::render_descriptions;
 use super::cleanup;
+use super::dataset_error::DatasetError;
 use super::folder;
 use super::lock::Lock;
-use super::recorded::Recorded;
-use super::refused::Refused;
-use super::stats::Stats;
-use super::verify::{CheckLevel, Finding, absent, look, strays};
+use super::recorded::RecordedDataset;
+use super::stats::ShardStats;
+use super::verify::{CheckLevel, DatasetFinding, check_shards, find_missing_shards, find_stray_files};
 use gelsim_files::diagnostic::Report;
 use gelsim_files::diagnostic::user_error;
-use gelsim_files::input::{self, MOST_METADATA_BYTES};
-use gelsim_files::write::write_whole;
-use gelsim_job::plan::fingerprint;
+use gelsim_files::input::{self, MAX_METADATA_BYTES};
+use gelsim_files::write::write_atomically;
+use gelsim_job::plan::compute_fingerprint;
 
-/// What became of it.
+/// The result of [`finalize`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Finalized {
-    /// The dataset is whole and described.
-    Whole {
+    /// The dataset is complete, and its manifest, index and card are written.
+    Valid {
         /// Bytes of its shards.
         bytes: u64,
     },
-    /// Something is missing or broken, and nothing was changed.
-    Wanting(Vec<Finding>),
+    /// Something is missing or damaged, and nothing was changed.
+    Invalid(Vec<DatasetFinding>),
 }
 
-/// Describes the dataset if all its shards are there and, as far as `depth` looks, what was written. Otherwise it says
-/// what is wrong, and changes nothing.
-pub fn finalize(recorded: &Recorded, depth: CheckLevel) -> Result<Finalized, Refused> {
+/// Writes the manifest, index and card if all shards are there and valid, checked as far as `depth` says. If not, it
+/// changes nothing and returns what is wrong.
+pub fn finalize(recorded: &RecordedDataset, depth: CheckLevel) -> Result<Finalized, DatasetError> {
     let (mut stats, mut findings) = (Vec::new(), Vec::new());
-    let fingerprint = fingerprint(&recorded.job);
-    let all = look(recorded, depth)?;
-    findings.extend(absent(recorded, &all));
+    let fingerprint = compute_fingerprint(&recorded.job);
+    let all = check_shards(recorded, depth)?;
+    findings.extend(find_missing_shards(recorded, &all));
     for looked in all {
         findings.extend(looked.findings);
-        let of_this_job = |stats: &Stats| stats.fingerprint == fingerprint;
+        let of_this_job = |stats: &ShardStats| stats.fingerprint == fingerprint;
         match looked.stats {
             Some(found) if of_this_job(&found) => stats.push(found),
             Some(_) => {
-                findings.push(Finding::new(format!("stats/{}.json", looked.shard.name()), "is of another job"));
+                findings.push(DatasetFinding::new(format!("stats/{}.json", looked.shard.name()), "is of another job"));
             }
             None => {}
         }
     }
     let shards = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number));
-    findings.extend(strays(recorded, shards));
+    findings.extend(find_stray_files(recorded, shards));
     if !findings.is_empty() {
-        return Ok(Finalized::Wanting(findings));
+        return Ok(Finalized::Invalid(findings));
     }
-    Step::DatasetChecked.reached(&recorded.root);
-    let failed = |path: PathBuf| move |error| Refused::Io(path, error);
-    let lock = cleanup::lock(&recorded.root);
-    let _alone = Lock::wait(&lock).map_err(failed(lock.clone()))?;
-    // Another process may have raised the number of samples since.
-    let samples = recorded.layout.samples();
+    // The lock is taken only now: the checks above may take long, and shards do not change once they are written.
+    Step::DatasetChecked.pause_if_requested(&recorded.root);
+    let failed = |path: PathBuf| move |error| DatasetError::Io(path, error);
+    let lock = cleanup::lock_path(&recorded.root);
+    let _alone = Lock::acquire(&lock).map_err(failed(lock.clone()))?;
+    // Another process may have raised the number of samples meanwhile.
+    let samples = recorded.layout.sample_count();
     let what = match folder::recorded_samples(&recorded.root) {
-        Some(there) if there == samples => None,
+        Some(recorded) if recorded == samples => None,
         Some(_) => Some(format!("no longer says {samples} samples")),
         None => Some(String::from("cannot be read, or is not what was written")),
     };
     if let Some(what) = what {
-        return Ok(Finalized::Wanting(vec![Finding::new("job.toml", what)]));
+        return Ok(Finalized::Invalid(vec![DatasetFinding::new("job.toml", what)]));
     }
-    cleanup::sweep(&recorded.root).map_err(failed(recorded.root.clone()))?;
-    Step::DatasetSwept.reached(&recorded.root);
-    for (name, text) in descriptions(recorded, &stats) {
+    cleanup::remove_leftovers(&recorded.root).map_err(failed(recorded.root.clone()))?;
+    Step::DatasetSwept.pause_if_requested(&recorded.root);
+    for (name, text) in render_descriptions(recorded, &stats) {
         let path = recorded.root.join(name);
-        // What is the same stays, so that nobody who reads it is disturbed.
-        if !input::read_inside(&path, MOST_METADATA_BYTES).is_ok_and(|there| there == text.as_bytes()) {
-            write_whole(&path, text.as_bytes()).map_err(failed(path.clone()))?;
+        // A file that would not change is left alone, so that nobody who reads it is disturbed.
+        if !input::read_without_links(&path, MAX_METADATA_BYTES).is_ok_and(|found| found == text.as_bytes()) {
+            write_atomically(&path, text.as_bytes()).map_err(failed(path.clone()))?;
         }
     }
-    Step::DatasetDescribed.reached(&recorded.root);
-    Ok(Finalized::Whole { bytes: stats.iter().map(|stats| stats.bytes).sum() })
+    Step::DatasetDescribed.pause_if_requested(&recorded.root);
+    Ok(Finalized::Valid { bytes: stats.iter().map(|stats| stats.bytes).sum() })
 }
 
-/// Refuses a dataset that another version of gelsim made: this one would describe it otherwise.
-pub fn same_version(recorded: &Recorded) -> Result<(), Report> {
+/// Refuses a dataset that another version of gelsim made, since this version would write other files. The error says
+/// which version to use.
+pub fn check_same_version(recorded: &RecordedDataset) -> Result<(), Report> {
     let here = env!("CARGO_PKG_VERSION");
     match folder::recorded_version(&recorded.root) {
-        Some(there) if there != here => {
-            let message = format!("{} was made by gelsim {there}, this is {here}", recorded.root.display());
+        Some(version) if version != here => {
+            let message = format!("{} was made by gelsim {version}, this is {here}", recorded.root.display());
             Err(user_error(message, "use that version"))
         }
         _ => Ok(()),

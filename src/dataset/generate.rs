@@ -1,7 +1,7 @@
-//! Writes a dataset: shards in parallel, each whole or not at all; stops cleanly and goes on where it stopped.
+//! Writes a dataset: shards in parallel, each complete or absent. A run stops cleanly and continues where it stopped.
 //!
-//! What is there already is read first, and made again where it is not what was written. Who renders what is in `workers.rs`; no
-//! bytes depend on it: a shard is a function of plan and shard number.
+//! Shards that are there already are read first, and made again if they are not what was written. `workers.rs` decides
+//! which thread renders what. No byte depends on it, since a shard is a function of the plan and the shard's number.
 
 use crate::container::ShardContainer;
 use gelsim_files::fail_point::Step;
@@ -17,118 +17,119 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use crate::cleanup::{self, DATA};
-use crate::encode::{Keep, Made, Unmade, make};
+use crate::cleanup::{self, DATA_FOLDER};
+use crate::dataset_error::DatasetError;
+use crate::encode::{EncodedSample, FrameStorage, SampleError, make_sample};
 use crate::finalize::{Finalized, finalize};
-use crate::folder::{prepare, recorded_samples, still_ours};
+use crate::folder::{check_still_ours, prepare_folder, recorded_samples};
 use crate::lock::Lock;
 use crate::manifest::Manifest;
-use crate::mirror::Mirror;
-use crate::paths::Paths;
-use crate::recorded::Recorded;
-use crate::refused::Refused;
-use crate::shard::Writer;
-use crate::stats::{LightRange, Stats};
-use crate::verify::{CheckLevel, Cure, Finding};
+use crate::mirror::StoreMirror;
+use crate::paths::ShardPaths;
+use crate::recorded::RecordedDataset;
+use crate::shard::ShardWriter;
+use crate::stats::{LightRange, ShardStats};
+use crate::verify::{CheckLevel, DatasetFinding, Remedy};
 use crate::versioned::Versioned;
-use crate::workers::{Claim, Workers};
+use crate::workers::{ShardClaim, Workers};
 use gelsim_files::diagnostic::{Report, user_error};
-use gelsim_files::store::{Cause, Store, said as store_said};
+use gelsim_files::store::{Store, StoreFailure, find_store_error as store_said};
 use gelsim_job::config::output::Container;
 use gelsim_job::layout::Shard;
 use gelsim_job::plan::Plan;
-use gelsim_job::sample::Unfit;
+use gelsim_job::sample::RejectedSample;
 
-/// What to generate and where.
+/// What to generate, and where.
 #[derive(Clone)]
-pub struct Request {
-    /// Folder of the dataset; for one in a store, a folder for shards on their way there.
+pub struct GenerateRequest {
+    /// Folder of the dataset; for a dataset in a store, a folder for shards on their way there.
     pub root: PathBuf,
-    /// Shards to write, numbers in plan order; all of them if absent.
+    /// Numbers of the shards to write, in the order of the plan; `None` for all.
     pub shards: Option<Range<u64>>,
-    /// Threads; all cores if absent.
+    /// Number of threads; `None` for all cores.
     pub threads: Option<usize>,
-    /// Replace a dataset that is there.
+    /// Whether to replace a dataset that is there.
     pub overwrite: bool,
 }
 
-/// What a run did.
+/// What a run has done.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Done {
+pub struct RunSummary {
     /// Samples rendered.
     pub samples: u64,
     /// Shards written.
     pub shards: u64,
     /// Shards that were there already.
     pub skipped: u64,
-    /// Shards that were there but not as they were written, and so were made again.
+    /// Shards that were damaged and made again.
     pub damaged: Vec<String>,
     /// Draws that were rejected and drawn again.
     pub rejected: u64,
-    /// Samples written that are not healthy.
+    /// Written samples that are not healthy.
     pub unhealthy: u64,
-    /// Samples written whose contact was not solved to the tolerance.
+    /// Written samples whose contact was not solved to the tolerance.
     pub unconverged: u64,
-    /// Samples written that show contact.
+    /// Written samples that show contact.
     pub in_contact: u64,
-    /// Objects that found no place among the others of their samples.
+    /// Objects for which there was no place among the others of their samples.
     pub unplaced_objects: u64,
-    /// How much of the written contacts the optics were not calibrated on.
+    /// How much of the written contacts lies outside the calibrated range of the optics.
     pub light: LightRange,
     /// Bytes of the written shards.
     pub bytes: u64,
     /// Wall time, s.
     pub seconds: f64,
-    /// Samples of the dataset before this run made it larger.
+    /// Number of samples of the dataset before this run made it larger.
     pub grown_from: Option<u64>,
-    /// True if the dataset is complete and described.
+    /// Whether the dataset is complete, with its manifest and card.
     pub complete: bool,
 }
 
-/// Why a run ended early. Finished shards stay; the same command goes on.
+/// Why a run ended early. Finished shards stay, and the same command continues.
 #[derive(Debug)]
 pub enum GenerateError {
-    /// Something the user wrote is wrong; nothing was written.
+    /// Something that the user wrote is wrong; nothing was written.
     Usage(Report),
     /// Reading or writing failed.
     Io(PathBuf, io::Error),
-    /// Other processes are writing some of the shards: names and holders.
+    /// Other processes are writing some of the shards: the names of the shards and of the processes.
     Held(Vec<String>),
-    /// The dataset cannot be described: something is there that belongs to no shard.
-    Wanting(Vec<Finding>),
-    /// A sample is unhealthy, and the job wants no such sample.
-    Unhealthy(Unfit),
-    /// Rendering a sample panicked, which is a bug: the sample's number and what was said.
+    /// The dataset cannot be completed: it holds something that belongs to no shard.
+    Invalid(Vec<DatasetFinding>),
+    /// A sample is unhealthy, and the job allows no such sample.
+    Unhealthy(RejectedSample),
+    /// Rendering a sample panicked, which is a bug. Holds the number of the sample and the message.
     Panicked(u64, String),
     /// The stop flag was raised.
     Interrupted,
 }
 
-impl From<Refused> for GenerateError {
-    fn from(refused: Refused) -> Self {
+impl From<DatasetError> for GenerateError {
+    fn from(refused: DatasetError) -> Self {
         match refused {
-            Refused::Usage(report) => Self::Usage(report),
-            Refused::Io(path, error) => Self::Io(path, error),
+            DatasetError::Usage(report) => Self::Usage(report),
+            DatasetError::Io(path, error) => Self::Io(path, error),
         }
     }
 }
 
-/// Signals between a run and who watches it.
+/// Signals between a run and its caller.
 #[derive(Default)]
-pub struct Watch {
-    /// Raise to stop: presses under way are finished, sequences end after a frame, and both are dropped, complete shards stay.
+pub struct RunMonitor {
+    /// Set to stop the run. Presses under way are finished, sequences end after a frame, and both are dropped; complete
+    /// shards stay.
     pub stop: AtomicBool,
     /// Samples rendered so far.
     pub rendered: AtomicU64,
     /// Shards written so far.
     pub written: AtomicU64,
     /// Samples and shards of this run in all, once they are known.
-    pub expected: OnceLock<Expected>,
+    pub expected: OnceLock<ExpectedWork>,
 }
 
-/// What a run has to do.
+/// The work of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Expected {
+pub struct ExpectedWork {
     /// Samples to render.
     pub samples: u64,
     /// Shards to write.
@@ -137,71 +138,79 @@ pub struct Expected {
     pub skipped: u64,
 }
 
-/// Makes a sample of a plan: [`make`], but for tests.
-type Draw = dyn Fn(&Plan, u64, Keep<'_>) -> Result<Made, Unmade> + Sync;
+/// Makes a sample of a plan: [`make_sample`], or a replacement in tests.
+type DrawSample = dyn Fn(&Plan, u64, FrameStorage<'_>) -> Result<EncodedSample, SampleError> + Sync;
 
-/// Generates the dataset, or the shards of it that were asked for.
-pub fn generate(plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
-    run(plan, request, None, watch, &make)
+/// Generates the dataset, or those shards of it that the request names.
+pub fn generate(plan: &Plan, request: &GenerateRequest, watch: &RunMonitor) -> Result<RunSummary, GenerateError> {
+    run_generation(plan, request, None, watch, &make_sample)
 }
 
-/// The same in an object store. Paths in its job.toml are those of a dataset in the plan's default folder.
-pub fn generate_in(store: &dyn Store, plan: &Plan, request: &Request, watch: &Watch) -> Result<Done, GenerateError> {
+/// Generates the dataset into an object store. Paths in its job.toml are those of a dataset in the plan's default
+/// folder.
+pub fn generate_in_store(
+    store: &dyn Store,
+    plan: &Plan,
+    request: &GenerateRequest,
+    watch: &RunMonitor,
+) -> Result<RunSummary, GenerateError> {
     if plan.output().container == Container::Folder {
-        let message = "a shard that is a folder cannot be put into a store whole: it is a file for each image";
+        let message = "a shard that is a folder cannot be put into a store as one object: it is a file for each image";
         let help = "leave output.container = \"folder\" out, or generate to a folder and copy that";
         return Err(GenerateError::Usage(user_error(message, help)));
     }
-    let mirror = Mirror::begin(store, &request.root)?;
-    let here = Request { root: mirror.root().to_owned(), ..request.clone() };
-    run(plan, &here, Some(&mirror), watch, &make).map_err(|error| match error {
-        GenerateError::Io(_, error) if store_said(&error).is_some_and(|said| said.cause == Cause::Stopped) => {
+    let mirror = StoreMirror::create(store, &request.root)?;
+    let here = GenerateRequest { root: mirror.root().to_owned(), ..request.clone() };
+    run_generation(plan, &here, Some(&mirror), watch, &make_sample).map_err(|error| match error {
+        GenerateError::Io(_, error) if store_said(&error).is_some_and(|said| said.cause == StoreFailure::Stopped) => {
             GenerateError::Interrupted
         }
-        GenerateError::Usage(report) => mirror.in_its_words(Refused::Usage(report)).into(),
-        GenerateError::Io(path, error) => mirror.in_its_words(Refused::Io(path, error)).into(),
+        GenerateError::Usage(report) => mirror.with_store_address(DatasetError::Usage(report)).into(),
+        GenerateError::Io(path, error) => mirror.with_store_address(DatasetError::Io(path, error)).into(),
         other => other,
     })
 }
 
-fn run(
+fn run_generation(
     plan: &Plan,
-    request: &Request,
-    mirror: Option<&Mirror<'_>>,
-    watch: &Watch,
-    draw: &Draw,
-) -> Result<Done, GenerateError> {
+    request: &GenerateRequest,
+    mirror: Option<&StoreMirror<'_>>,
+    watch: &RunMonitor,
+    draw: &DrawSample,
+) -> Result<RunSummary, GenerateError> {
     let start = Instant::now();
     let root = &request.root;
     let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
     let grown_from = match mirror {
-        None => prepare(root, root, plan, request.overwrite)?,
+        None => prepare_folder(root, root, plan, request.overwrite)?,
         Some(mirror) => {
             let stats = |number| format!("stats/{}.json", plan.layout.shard(number).name());
             let stats: HashSet<String> = wanted.clone().map(stats).collect();
             mirror.fetch(|name| request.overwrite || stats.contains(name))?;
-            let grown_from = prepare(root, &plan.default_output(), plan, request.overwrite)?;
+            let grown_from = prepare_folder(root, &plan.default_output(), plan, request.overwrite)?;
             mirror.push_beginning(plan)?;
             grown_from
         }
     };
-    known::<Manifest>(&root.join("dataset.json"))?;
+    // This refuses a dataset that a newer gelsim has completed.
+    read_versioned::<Manifest>(&root.join("dataset.json"))?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| GenerateError::Io(root.clone(), io::Error::other(error)))?;
 
-    let mut done = Done { grown_from, ..Done::default() };
+    let mut done = RunSummary { grown_from, ..RunSummary::default() };
     let mut missing = Vec::new();
+    // A mirror has only the lengths of shards.
     let level = if mirror.is_some() { CheckLevel::Sizes } else { CheckLevel::Checksums };
-    let there = |number| {
+    let look = |number| {
         let shard = plan.layout.shard(number);
         let stop = watch.stop.load(Ordering::Relaxed);
-        if stop { Err(GenerateError::Interrupted) } else { Ok((shard, there(plan, root, &shard, level)?)) }
+        if stop { Err(GenerateError::Interrupted) } else { Ok((shard, find_shard(plan, root, &shard, level)?)) }
     };
     let found: Vec<(Shard, ShardState)> =
-        pool.install(|| wanted.clone().into_par_iter().map(there).collect::<Result<_, _>>())?;
-    for (shard, there) in found {
-        match there {
-            ShardState::Whole(_) => done.skipped += 1,
+        pool.install(|| wanted.clone().into_par_iter().map(look).collect::<Result<_, _>>())?;
+    for (shard, state) in found {
+        match state {
+            ShardState::Valid(_) => done.skipped += 1,
             ShardState::Missing => missing.push(shard),
             ShardState::Damaged => {
                 done.damaged.push(shard.name());
@@ -210,23 +219,25 @@ fn run(
         }
     }
     let samples = missing.iter().map(|shard| shard.samples).sum();
-    // Nobody else sets it.
-    let _ = watch.expected.set(Expected { samples, shards: missing.len() as u64, skipped: done.skipped });
+    // No other thread sets it, so this cannot fail.
+    let _ = watch.expected.set(ExpectedWork { samples, shards: missing.len() as u64, skipped: done.skipped });
 
-    let run = Run { plan, root, mirror, watch, draw, failed: AtomicBool::new(false) };
+    let run = GenerationRun { plan, root, mirror, watch, draw, failed: AtomicBool::new(false) };
     let workers = Workers::new(missing, pool.current_num_threads());
     let results = pool.broadcast(|_| {
         let mut written = Vec::new();
-        while let Some(claim) = workers.claim() {
+        while let Some(claim) = workers.claim_shard() {
             if run.failed.load(Ordering::Relaxed) {
                 break;
             }
             let result = run.write_shard(&claim);
+            // One failed shard stops the others. A shard that another process is writing does not.
             run.failed.fetch_or(!matches!(result, Ok(_) | Err(GenerateError::Held(_))), Ordering::Relaxed);
             watch.written.fetch_add(u64::from(result.is_ok()), Ordering::Relaxed);
             written.push(result);
         }
-        workers.help(|index| run.encode(index));
+        // Threads without a shard of their own help those that have one.
+        workers.help_others(|index| run.encode_sample(index));
         written
     });
 
@@ -246,7 +257,7 @@ fn run(
                 done.light.add(&stats.light);
             }
             Err(GenerateError::Held(names)) => held.extend(names),
-            // The cause, not the stops that it brought about elsewhere.
+            // Report the cause, not the interruptions that followed from it in other threads.
             Err(GenerateError::Interrupted) => error = Some(error.unwrap_or(GenerateError::Interrupted)),
             Err(cause) => error = Some(cause),
         }
@@ -254,36 +265,37 @@ fn run(
     if let Some(stopped) = error {
         return Err(stopped);
     }
-    // Also after a shard was held: who finishes last describes the dataset, whoever that is.
+    // This is done also if another process holds a shard: the process that finishes last completes the dataset.
     if let Some(mirror) = mirror {
         mirror.refresh(&plan.layout)?;
     }
-    let finalized = finalize(&Recorded::new(root, plan.job().clone()), CheckLevel::Sizes)?;
-    done.complete = matches!(finalized, Finalized::Whole { .. });
+    let finalized = finalize(&RecordedDataset::new(root, plan.job().clone()), CheckLevel::Sizes)?;
+    done.complete = matches!(finalized, Finalized::Valid { .. });
     if let Some(mirror) = mirror.filter(|_| done.complete) {
         mirror.push_descriptions()?;
     }
     let findings = match finalized {
-        Finalized::Whole { .. } => Vec::new(),
-        Finalized::Wanting(findings) => findings,
+        Finalized::Valid { .. } => Vec::new(),
+        Finalized::Invalid(findings) => findings,
     };
-    if findings.iter().any(|finding| matches!(finding.cure, Cure::Remove(_))) {
-        return Err(GenerateError::Wanting(findings));
+    if findings.iter().any(|finding| matches!(finding.remedy, Remedy::Remove(_))) {
+        return Err(GenerateError::Invalid(findings));
     }
     if !done.complete && !held.is_empty() {
         held.sort();
         return Err(GenerateError::Held(held));
     }
-    // What this run has just written or read is there, so that it cannot be read now; unless another one made the dataset
-    // larger meanwhile.
+    // What this run has just written or read exists. If it is found missing now, it cannot be read, which is an error,
+    // unless another run has made the dataset larger meanwhile.
     let container = plan.output().container;
-    let files = |shard: Shard| [container.file(&shard), format!("stats/{}.json", shard.name())];
+    let files = |shard: Shard| [container.relative_path(&shard), format!("stats/{}.json", shard.name())];
     let ours: HashSet<String> = wanted.flat_map(|number| files(plan.layout.shard(number))).collect();
-    // So are the folders: one that cannot be looked through may hold what belongs to no shard.
-    let is_ours =
-        |finding: &Finding| matches!(&*finding.file, "job.toml" | "data" | "stats") || ours.contains(&finding.file);
-    if let Some(Finding { file, what, .. }) = findings.into_iter().find(is_ours)
-        && recorded_samples(root).is_none_or(|samples| samples == plan.layout.samples())
+    // The folders exist, too: one that cannot be listed may hold something that belongs to no shard.
+    let is_ours = |finding: &DatasetFinding| {
+        matches!(&*finding.file, "job.toml" | "data" | "stats") || ours.contains(&finding.file)
+    };
+    if let Some(DatasetFinding { file, what, .. }) = findings.into_iter().find(is_ours)
+        && recorded_samples(root).is_none_or(|samples| samples == plan.layout.sample_count())
     {
         return Err(GenerateError::Io(root.join(file), io::Error::other(what)));
     }
@@ -291,57 +303,64 @@ fn run(
     Ok(done)
 }
 
-/// What is there of a shard.
+/// The state of a shard on disk.
 enum ShardState {
-    /// Nothing that counts.
+    /// There is no such shard of this job.
     Missing,
-    /// Its stats, but not the tar that they describe.
+    /// Its stats are there, but its data are not what they describe.
     Damaged,
-    /// All of it.
-    Whole(Box<Stats>),
+    /// It is complete and valid.
+    Valid(Box<ShardStats>),
 }
 
-/// Looks for a shard of this job, and reads it unless `level` is its size.
-fn there(plan: &Plan, root: &Path, shard: &Shard, level: CheckLevel) -> Result<ShardState, GenerateError> {
-    let paths = Paths::new(root, shard, plan.output().container);
-    // The last shard of a split was shorter before the dataset grew.
-    let is_ours = |stats: &Stats| stats.is_of(shard, paths.container, &plan.fingerprint);
-    let Some(stats) = known::<Stats>(&paths.stats)?.filter(is_ours) else { return Ok(ShardState::Missing) };
-    let whole = if level == CheckLevel::Sizes { stats.measures(&paths) } else { stats.vouches_for(&paths) };
-    let whole = whole.map_err(|error| GenerateError::Io(paths.data.clone(), error))?;
-    Ok(if whole { ShardState::Whole(Box::new(stats)) } else { ShardState::Damaged })
+/// Looks for a shard of this job. At `CheckLevel::Sizes` only its size is checked, otherwise all of it is read.
+fn find_shard(plan: &Plan, root: &Path, shard: &Shard, level: CheckLevel) -> Result<ShardState, GenerateError> {
+    let paths = ShardPaths::new(root, shard, plan.output().container);
+    // The last shard of a split had fewer samples before the dataset grew, so its stats may be of that time.
+    let is_ours = |stats: &ShardStats| stats.belongs_to(shard, paths.container, &plan.fingerprint);
+    let Some(stats) = read_versioned::<ShardStats>(&paths.stats)?.filter(is_ours) else {
+        return Ok(ShardState::Missing);
+    };
+    let valid = if level == CheckLevel::Sizes { stats.matches_size(&paths) } else { stats.matches_checksum(&paths) };
+    let valid = valid.map_err(|error| GenerateError::Io(paths.data.clone(), error))?;
+    Ok(if valid { ShardState::Valid(Box::new(stats)) } else { ShardState::Damaged })
 }
 
-/// A file of the dataset, if it is there and whole. One that a newer gelsim wrote is not ours to replace.
-fn known<T: Versioned>(path: &Path) -> Result<Option<T>, GenerateError> {
+/// Reads a file of the dataset if it exists and is valid. It is an error if a newer gelsim wrote it, since it is not
+/// ours to replace.
+fn read_versioned<T: Versioned>(path: &Path) -> Result<Option<T>, GenerateError> {
     Ok(T::read(path)?)
 }
 
 /// What all threads of a run share.
-struct Run<'a> {
+struct GenerationRun<'a> {
     plan: &'a Plan,
     root: &'a Path,
-    mirror: Option<&'a Mirror<'a>>,
-    watch: &'a Watch,
-    draw: &'a Draw,
-    /// One of them has failed.
+    mirror: Option<&'a StoreMirror<'a>>,
+    watch: &'a RunMonitor,
+    draw: &'a DrawSample,
+    /// Whether a thread has failed.
     failed: AtomicBool,
 }
 
-impl Run<'_> {
-    fn write_shard(&self, claim: &Claim<'_, Shard, Result<Made, GenerateError>>) -> Result<Stats, GenerateError> {
+impl GenerationRun<'_> {
+    fn write_shard(
+        &self,
+        claim: &ShardClaim<'_, Shard, Result<EncodedSample, GenerateError>>,
+    ) -> Result<ShardStats, GenerateError> {
         let Self { plan, root, mirror, .. } = *self;
         let shard = &claim.shard;
-        let paths = Paths::new(root, shard, plan.output().container);
+        let paths = ShardPaths::new(root, shard, plan.output().container);
         let partial = paths.partial.clone();
         let io = |error| GenerateError::Io(partial.clone(), error);
         let lock = {
-            // Another run that replaces the dataset meanwhile finds the shard locked, or is found to have done it.
-            let of_all = cleanup::lock(root);
-            let _alone = Lock::wait(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
-            let taken = Lock::take(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
+            // Under the dataset's lock: a run that replaces the dataset either finds this shard locked, or has done so
+            // before and is found out below.
+            let of_all = cleanup::lock_path(root);
+            let _alone = Lock::acquire(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
+            let taken = Lock::try_acquire(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
             match mirror {
-                None => still_ours(root, plan)?,
+                None => check_still_ours(root, plan)?,
                 Some(mirror) => mirror.still_ours(plan)?,
             }
             taken
@@ -352,50 +371,50 @@ impl Run<'_> {
                 return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())]));
             }
         };
-        Step::ShardLocked.reached(&paths.data);
-        // Another process may have finished it since we looked.
+        Step::ShardLocked.pause_if_requested(&paths.data);
+        // Another process may have finished the shard since it was looked for.
         if mirror.is_none()
-            && let ShardState::Whole(stats) = there(plan, root, shard, CheckLevel::Checksums)?
+            && let ShardState::Valid(stats) = find_shard(plan, root, shard, CheckLevel::Checksums)?
         {
             return Ok(*stats);
         }
         let older = paths.stats.exists();
-        let mut writer = Writer::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
-        let write = |sample: Result<Made, GenerateError>| -> Result<(), GenerateError> {
+        let mut writer = ShardWriter::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
+        let write = |sample: Result<EncodedSample, GenerateError>| -> Result<(), GenerateError> {
             let sample = sample?;
             writer.append(&sample.label.header.key, &sample.members).map_err(io)?;
-            writer.stats.count(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
+            writer.stats.count_sample(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
             Ok(())
         };
-        claim.in_order(plan.layout.indices(*shard).collect(), |index| self.encode(index), write)?;
+        claim.make_in_order(plan.layout.sample_indices(*shard).collect(), |index| self.encode_sample(index), write)?;
         let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
         if let Some(mirror) = mirror {
             mirror.push_shard(&paths, &stats, older)?;
         }
-        Step::ShardDone.reached(&partial);
+        Step::ShardDone.pause_if_requested(&partial);
         Ok(stats)
     }
 
-    fn encode(&self, index: u64) -> Result<Made, GenerateError> {
+    fn encode_sample(&self, index: u64) -> Result<EncodedSample, GenerateError> {
         let stop = || self.watch.stop.load(Ordering::Relaxed) || self.failed.load(Ordering::Relaxed);
         if stop() {
             return Err(GenerateError::Interrupted);
         }
-        let keep = Keep::OnDisk { folder: &self.root.join(DATA), stop: &stop };
-        // Nothing outside is changed by what panics.
+        let keep = FrameStorage::OnDisk { folder: &self.root.join(DATA_FOLDER), stop: &stop };
+        // A panic leaves nothing changed outside, so that unwinding is safe.
         let made = catch_unwind(AssertUnwindSafe(|| (self.draw)(self.plan, index, keep)));
         self.watch.rendered.fetch_add(1, Ordering::Relaxed);
-        let made = made.map_err(|panic| GenerateError::Panicked(index, said(&*panic)))?;
-        made.map_err(|unmade| match unmade {
-            Unmade::Unfit(unfit) => GenerateError::Unhealthy(unfit),
-            Unmade::Io(path, error) => GenerateError::Io(path, error),
-            Unmade::Stopped => GenerateError::Interrupted,
+        let made = made.map_err(|panic| GenerateError::Panicked(index, panic_message(&*panic)))?;
+        made.map_err(|error| match error {
+            SampleError::Rejected(rejected) => GenerateError::Unhealthy(rejected),
+            SampleError::Io(path, error) => GenerateError::Io(path, error),
+            SampleError::Stopped => GenerateError::Interrupted,
         })
     }
 }
 
-/// The message of a panic.
-pub fn said(panic: &(dyn Any + Send)) -> String {
+/// Returns the message of a panic.
+pub fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
     text.unwrap_or("no message").to_owned()
 }
@@ -423,25 +442,25 @@ mod tests {
         let plan = job(folder.path());
         let root = folder.path().join("out");
         for threads in [1, 4] {
-            let request = Request { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
-            let broken = |plan: &Plan, index: u64, keep: Keep<'_>| match index {
+            let request = GenerateRequest { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
+            let broken = |plan: &Plan, index: u64, keep: FrameStorage<'_>| match index {
                 27 => panic!("injected"),
-                _ => make(plan, index, keep),
+                _ => make_sample(plan, index, keep),
             };
-            match run(&plan, &request, None, &Watch::default(), &broken) {
+            match run_generation(&plan, &request, None, &RunMonitor::default(), &broken) {
                 Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),
                 other => panic!("{other:?}"),
             }
             // On one thread the shards before it are finished; on several they may be under way, and then are dropped.
-            let there = |number| there(&plan, &root, &plan.layout.shard(number), CheckLevel::Checksums);
-            let finished = |number| matches!(there(number), Ok(ShardState::Whole(_)));
+            let there = |number| find_shard(&plan, &root, &plan.layout.shard(number), CheckLevel::Checksums);
+            let finished = |number| matches!(there(number), Ok(ShardState::Valid(_)));
             assert!(threads > 1 || finished(0) && finished(1));
             assert!(!root.join("data/train-000002.tar").exists());
             let partials = std::fs::read_dir(root.join("data")).expect("a folder").filter_map(Result::ok);
             assert_eq!(partials.filter(|entry| entry.file_name().to_string_lossy().starts_with('.')).count(), 0);
 
-            let request = Request { overwrite: false, ..request };
-            let done = generate(&plan, &request, &Watch::default()).expect("the same command goes on");
+            let request = GenerateRequest { overwrite: false, ..request };
+            let done = generate(&plan, &request, &RunMonitor::default()).expect("the same command goes on");
             assert!(done.complete);
             assert!(threads > 1 || (done.shards, done.skipped) == (1, 2), "{done:?}");
         }

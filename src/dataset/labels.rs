@@ -1,38 +1,38 @@
-//! The label of a sample as a file has it: of a press, of a sequence, or of a grip.
+//! Reads the label of a sample: of a press, of a sequence, or of a grip.
 
 use serde::Serialize;
 use serde_json::Value;
 
-use gelsim_job::gripper::FINGERS;
+use gelsim_job::gripper::FINGER_NAMES;
 use gelsim_job::gripper::label::{GripLabel, GripSequenceLabel};
 use gelsim_job::label::{Label, SCHEMA_VERSION, SensorLabel};
 use gelsim_job::sequence::label::SequenceLabel;
 
-/// A label that was read.
+/// A label that was read, with a summary for the kinds that have no single [`Label`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum SampleLabel {
-    /// Of a press.
+    /// The label of a press.
     Press(Box<Label>),
-    /// Of a sequence; with what counts of it as a whole.
+    /// The label of a sequence, and its summary.
     Sequence(Box<SequenceLabel>, Box<Label>),
-    /// Of a grip; likewise.
+    /// The label of a grip, and its summary.
     Grip(Box<GripLabel>, Box<Label>),
-    /// Of a sequence of a gripper; likewise.
+    /// The label of a sequence of grips, and its summary.
     GripSequence(Box<GripSequenceLabel>, Box<Label>),
 }
 
 impl SampleLabel {
-    /// Reads it; what is wrong with it.
+    /// Reads a label. The error says what is wrong with it.
     pub fn read(bytes: &[u8]) -> Result<Self, String> {
         let value: Value = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
         if let Some(version) = value["schema_version"].as_u64().filter(|version| *version != u64::from(SCHEMA_VERSION))
         {
             return Err(format!("has version {version} of the schema, this gelsim knows {SCHEMA_VERSION}"));
         }
-        Self::of(value)
+        Self::from_value(value)
     }
 
-    fn of(value: Value) -> Result<Self, String> {
+    fn from_value(value: Value) -> Result<Self, String> {
         let said = |error: serde_json::Error| error.to_string();
         if value.get("gripper").is_some() {
             let label: Box<GripLabel> = serde_json::from_value(value).map_err(said)?;
@@ -59,23 +59,23 @@ impl SampleLabel {
         Ok(Self::Sequence(label, Box::new(summary)))
     }
 
-    /// The same, if its keys are those of the schema.
+    /// Reads a label and checks that its keys are exactly those of the schema. The error says what is wrong with it.
     pub fn read_strictly(bytes: &[u8]) -> Result<Self, String> {
         let label = Self::read(bytes)?;
         let written = match &label {
-            Self::Press(label) => value(&**label),
-            Self::Sequence(label, _) => value(&**label),
-            Self::Grip(label, _) => value(&**label),
-            Self::GripSequence(label, _) => value(&**label),
+            Self::Press(label) => to_value(&**label),
+            Self::Sequence(label, _) => to_value(&**label),
+            Self::Grip(label, _) => to_value(&**label),
+            Self::GripSequence(label, _) => to_value(&**label),
         };
         let read = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-        match written.and_then(|written| difference(&read, &written, "")) {
+        match written.and_then(|written| find_difference(&read, &written, "")) {
             None => Ok(label),
             Some(difference) => Err(difference),
         }
     }
 
-    /// What counts of the sample as a whole.
+    /// Returns the label of a press, or the summary of any other sample.
     pub fn summary(&self) -> &Label {
         match self {
             Self::Press(label) => label,
@@ -83,7 +83,7 @@ impl SampleLabel {
         }
     }
 
-    /// The sensors in it: one, or those of both fingers.
+    /// Returns the sensors in the label: one, or those of both fingers.
     pub fn sensors(&self) -> Vec<&SensorLabel> {
         match self {
             Self::Press(label) | Self::Sequence(_, label) => vec![&label.sensor],
@@ -92,7 +92,7 @@ impl SampleLabel {
         }
     }
 
-    /// How many frames a sequence has, and how many of them are taken a second.
+    /// Returns the number of frames of a sequence and the frames per second; `None` for a single press or grip.
     pub fn frames(&self) -> Option<(u32, f64)> {
         match self {
             Self::Press(_) | Self::Grip(..) => None,
@@ -102,19 +102,19 @@ impl SampleLabel {
     }
 }
 
-/// Parts of the end of a file's name, after its sample's key.
+/// The parts of a file's suffix, which stands behind its sample's key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Suffix<'a> {
-    /// The frame of a sequence that it is of.
+pub struct SuffixParts<'a> {
+    /// The frame of a sequence to which the file belongs.
     pub frame: Option<&'a str>,
-    /// The finger of a gripper that it is of.
+    /// The finger of a gripper to which the file belongs.
     pub finger: Option<&'a str>,
-    /// What of that it holds.
+    /// The rest: the layer and its format.
     pub layer: &'a str,
 }
 
-/// The parts of a suffix: a frame and a finger, if it is a file of such, and the rest.
-pub fn split(suffix: &str) -> Suffix<'_> {
+/// Splits a suffix into a frame and a finger, if it names such, and the rest.
+pub fn split_suffix(suffix: &str) -> SuffixParts<'_> {
     let is_frame = |name: &str| {
         name.strip_prefix('f').is_some_and(|number| number.len() >= 4 && number.bytes().all(|c| c.is_ascii_digit()))
     };
@@ -123,18 +123,19 @@ pub fn split(suffix: &str) -> Suffix<'_> {
         _ => (None, suffix),
     };
     let (finger, layer) = match rest.split_once('.') {
-        Some((name, layer)) if FINGERS.contains(&name) => (Some(name), layer),
+        Some((name, layer)) if FINGER_NAMES.contains(&name) => (Some(name), layer),
         _ => (None, rest),
     };
-    Suffix { frame, finger, layer }
+    SuffixParts { frame, finger, layer }
 }
 
-fn value(label: &impl Serialize) -> Option<Value> {
+fn to_value(label: &impl Serialize) -> Option<Value> {
     serde_json::to_value(label).ok()
 }
 
-/// The first place, of those beneath `place`, in which a label differs from what the schema makes of it.
-fn difference(read: &Value, written: &Value, place: &str) -> Option<String> {
+/// Finds the first place, at `place` or below, in which a label differs from what the schema makes of it. Returns what
+/// differs there, or `None`.
+fn find_difference(read: &Value, written: &Value, place: &str) -> Option<String> {
     let beneath = |key: &str| if place.is_empty() { String::from(key) } else { format!("{place}.{key}") };
     match (read, written) {
         (Value::Object(read), Value::Object(written)) => {
@@ -142,12 +143,12 @@ fn difference(read: &Value, written: &Value, place: &str) -> Option<String> {
             let lacking = written.keys().find(|key| !read.contains_key(*key));
             let unknown = unknown.map(|key| format!("has `{}`, which the schema does not know", beneath(key)));
             let lacking = || lacking.map(|key| format!("lacks `{}`", beneath(key)));
-            let deeper = || read.iter().find_map(|(key, value)| difference(value, &written[key], &beneath(key)));
+            let deeper = || read.iter().find_map(|(key, value)| find_difference(value, &written[key], &beneath(key)));
             unknown.or_else(lacking).or_else(deeper)
         }
         (Value::Array(read), Value::Array(written)) if read.len() == written.len() => {
             let mut pairs = read.iter().zip(written).enumerate();
-            pairs.find_map(|(number, (read, written))| difference(read, written, &format!("{place}[{number}]")))
+            pairs.find_map(|(number, (read, written))| find_difference(read, written, &format!("{place}[{number}]")))
         }
         _ => (read != written).then(|| format!("has {read} at `{place}` instead of {written}")),
     }

@@ -1,4 +1,4 @@
-//! A dataset on disk: shards, their stats, and the files that describe the whole.
+//! A dataset on disk: shards, their stats, and the files that describe it.
 //!
 //! ```text
 //! OUT/README.md  dataset.json  job.toml  wids.json
@@ -10,6 +10,7 @@ pub mod card;
 pub mod cleanup;
 pub mod container;
 pub mod content;
+pub mod dataset_error;
 pub mod decode;
 pub mod encode;
 pub mod finalize;
@@ -24,8 +25,7 @@ pub mod manifest;
 pub mod mirror;
 pub mod paths;
 pub mod recorded;
-pub mod refused;
-mod seal;
+mod self_hash;
 pub mod shard;
 pub mod spool;
 pub mod stats;

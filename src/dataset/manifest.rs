@@ -1,32 +1,32 @@
-//! `dataset.json` and `wids.json`: what the dataset is and which shards it has.
+//! Makes `dataset.json` and `wids.json`, which say what the dataset is and which shards it has.
 //!
-//! Neither holds a time, a host or an absolute path: they are the same for one run and for any division of it.
+//! Neither holds a time, a host or an absolute path: they are the same whether one run made the dataset or many.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::recorded::{Recorded, RecordedObject};
-use super::stats::Stats;
+use super::recorded::{RecordedDataset, RecordedObject};
+use super::stats::ShardStats;
 use super::versioned::Versioned;
 use gelsim_job::config::output::Container;
 use gelsim_job::label::SCHEMA_VERSION;
 use gelsim_job::layers::DepthFormat;
 use gelsim_job::layout::Split;
-use gelsim_job::plan::{classes, fingerprint, level};
+use gelsim_job::plan::{compute_fingerprint, job_fidelity, list_classes};
 
 /// Version of the manifest's keys and their meaning.
 pub const MANIFEST_VERSION: u32 = 1;
 
-/// `dataset.json`.
+/// The content of `dataset.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Manifest {
     /// [`MANIFEST_VERSION`] of the generator that wrote it.
     pub manifest_version: u32,
     /// Name of the dataset.
     pub name: String,
-    /// What made it.
+    /// The program that made it.
     pub generator: Generator,
     /// SHA-256 over everything that decides the bytes of a sample.
     pub fingerprint: String,
@@ -43,7 +43,7 @@ pub struct Manifest {
     /// Format of the float layers among them.
     #[serde(default)]
     pub depth_format: DepthFormat,
-    /// What a shard is.
+    /// Whether shards are tars or folders.
     #[serde(default)]
     pub container: Container,
     /// Samples per split.
@@ -56,47 +56,47 @@ pub struct Manifest {
     pub shards: Vec<ShardEntry>,
 }
 
-/// What made the dataset.
+/// The program that made the dataset.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Generator {
-    /// Program.
+    /// Name of the program.
     pub name: String,
-    /// Version.
+    /// Version of the program.
     pub version: String,
 }
 
 /// A class.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Class {
-    /// Its name.
+    /// Name of the class.
     pub name: String,
-    /// Its samples.
+    /// Number of its samples.
     pub samples: u64,
 }
 
-/// An object.
+/// An object of the dataset.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ObjectEntry {
-    /// Its name in labels.
+    /// Name in the labels.
     pub id: String,
-    /// Its class.
+    /// Class in the labels.
     pub class: String,
     /// SHA-256 of the mesh file.
     pub mesh_sha256: String,
 }
 
-/// A shard.
+/// A shard of the dataset.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ShardEntry {
     /// The tar or folder, relative to the dataset's folder.
     pub file: String,
-    /// Its split.
+    /// Split to which it belongs.
     pub split: String,
-    /// Its samples.
+    /// Number of samples.
     pub samples: u64,
-    /// Its bytes.
+    /// Size of the tar, or of the folder's files, bytes.
     pub bytes: u64,
-    /// Its SHA-256.
+    /// SHA-256 of the tar, or the checksum of the folder.
     pub sha256: String,
 }
 
@@ -109,8 +109,8 @@ impl Versioned for Manifest {
 }
 
 impl Manifest {
-    /// Describes a dataset from the stats of all its shards, in order.
-    pub fn new(recorded: &Recorded, stats: &[Stats]) -> Self {
+    /// Makes the manifest from the stats of all shards of a dataset, in order.
+    pub fn new(recorded: &RecordedDataset, stats: &[ShardStats]) -> Self {
         let (job, layout, objects) = (&recorded.job, &recorded.layout, recorded.objects());
         let output = &job.output;
         let samples_of = |class: &str| stats.iter().filter_map(|stats| stats.classes.get(class)).sum();
@@ -125,12 +125,12 @@ impl Manifest {
             manifest_version: MANIFEST_VERSION,
             name: recorded.name().to_owned(),
             generator: Generator { name: "gelsim".to_owned(), version: env!("CARGO_PKG_VERSION").to_owned() },
-            fingerprint: fingerprint(job),
+            fingerprint: compute_fingerprint(job),
             label_schema_version: SCHEMA_VERSION,
             seed: job.dataset.seed,
-            samples: layout.samples(),
-            fidelity: level(job).name().to_owned(),
-            layers: output.layers_in_order().iter().map(|layer| layer.suffix(output.depth_format)).collect(),
+            samples: layout.sample_count(),
+            fidelity: job_fidelity(job).name().to_owned(),
+            layers: output.layers_in_order().iter().map(|layer| layer.file_suffix(output.depth_format)).collect(),
             depth_format: output.depth_format,
             container: output.container,
             splits: Split::ALL
@@ -138,7 +138,7 @@ impl Manifest {
                 .map(|split| (split.name().to_owned(), layout.samples_in(split)))
                 .filter(|(_, samples)| *samples > 0)
                 .collect(),
-            classes: classes(objects.iter().map(|object| object.class.as_str()))
+            classes: list_classes(objects.iter().map(|object| object.class.as_str()))
                 .into_iter()
                 .map(|name| Class { samples: samples_of(&name), name })
                 .collect(),
@@ -150,8 +150,8 @@ impl Manifest {
         }
     }
 
-    /// The WebDataset index (wids-shard-index-v1), which only tars have.
-    pub fn wids(&self) -> Option<serde_json::Value> {
+    /// Returns the WebDataset index (wids-shard-index-v1), or `None` for a dataset of folders.
+    pub fn to_wids_index(&self) -> Option<serde_json::Value> {
         let shards: Vec<_> = self
             .shards
             .iter()

@@ -1,4 +1,4 @@
-//! Where the files of a shard are in a dataset's folder.
+//! The paths of a shard's files in a dataset's folder.
 
 use crate::container::ShardContainer;
 use std::path::{Path, PathBuf};
@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use gelsim_job::config::output::Container;
 use gelsim_job::layout::Shard;
 
-/// The names that a shard has on disk.
+/// The paths of a shard.
 #[derive(Clone, Debug)]
-pub struct Paths {
-    /// What the shard is.
+pub struct ShardPaths {
+    /// Whether the shard is a tar or a folder.
     pub container: Container,
     /// The tar or folder.
     pub data: PathBuf,
-    /// The same while it is written.
+    /// The tar or folder while it is written.
     pub partial: PathBuf,
     /// The stats file.
     pub stats: PathBuf,
@@ -21,8 +21,8 @@ pub struct Paths {
     pub lock: PathBuf,
 }
 
-impl Paths {
-    /// The names of `shard` in the dataset at `root`.
+impl ShardPaths {
+    /// Returns the paths of `shard` in the dataset at `root`.
     pub fn new(root: &Path, shard: &Shard, container: Container) -> Self {
         let (name, file_name) = (shard.name(), container.file_name(shard));
         let data = root.join("data");

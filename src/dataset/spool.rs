@@ -1,4 +1,4 @@
-//! Files of a sample that wait on disk for their place in a shard, so that a long sequence takes no memory.
+//! Keeps files of a sample on disk until their place in the shard comes, so that a long sequence takes little memory.
 
 use std::fs::{self, File};
 use std::io;
@@ -6,36 +6,36 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::archive::{Bytes, Member};
-use gelsim_files::write::create_anew;
+use super::archive::{FileContent, Member};
+use gelsim_files::write::recreate_file;
 
-/// A file without a name, which the system removes when nobody holds it any more.
+/// A file without a name, which the system removes when nobody holds it open.
 pub struct Spool {
     file: Arc<File>,
     end: u64,
 }
 
 impl Spool {
-    /// Makes one in place of what may be at `path`. Nothing stays there.
+    /// Makes a spool. It replaces what is at `path` for a moment and leaves nothing there.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let file = Arc::new(create_anew(path)?);
+        let file = Arc::new(recreate_file(path)?);
         fs::remove_file(path)?;
         Ok(Self { file, end: 0 })
     }
 
-    /// Forgets what was put away: nobody may read it any more.
+    /// Forgets all content. Nobody may read it any more.
     pub fn clear(&mut self) -> io::Result<()> {
         self.end = 0;
         self.file.set_len(0)
     }
 
-    /// Puts the content of a sample's file away.
+    /// Writes the content of a sample's file to the spool, and returns the file with a reference to it.
     pub fn put(&mut self, Member { suffix, bytes }: Member) -> io::Result<Member> {
         let content = bytes.read()?;
         self.file.write_all_at(&content, self.end)?;
         let (at, length) = (self.end, content.len());
         self.end += length as u64;
-        Ok(Member { suffix, bytes: Bytes::Spooled { file: Arc::clone(&self.file), at, length } })
+        Ok(Member { suffix, bytes: FileContent::Spooled { file: Arc::clone(&self.file), at, length } })
     }
 }
 
@@ -56,7 +56,10 @@ mod tests {
         let put = contents.clone().map(|bytes| spool.put(Member::new("a", bytes)).expect("room"));
         drop(spool);
         for (member, content) in put.iter().zip(&contents) {
-            assert_eq!((member.bytes.count(), &*member.bytes.read().expect("a file")), (content.len(), &content[..]));
+            assert_eq!(
+                (member.bytes.byte_count(), &*member.bytes.read().expect("a file")),
+                (content.len(), &content[..])
+            );
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What is known of a finished shard: its `stats/NAME.json`, written last, which marks the shard as complete.
+//! The stats of a finished shard, `stats/NAME.json`. The file is written last and marks the shard as complete.
 
 use crate::container::ShardContainer;
 use std::collections::BTreeMap;
@@ -6,8 +6,8 @@ use std::io;
 
 use serde::{Deserialize, Serialize};
 
-use super::paths::Paths;
-use super::seal::{BLANK, is_sealed, sealed};
+use super::paths::ShardPaths;
+use super::self_hash::{BLANK_HASH, has_valid_self_hash, insert_self_hash};
 use super::versioned::Versioned;
 use gelsim_core::base::clock::Seconds;
 use gelsim_core::effects::{Effect, PerEffect};
@@ -21,7 +21,7 @@ pub const STATS_VERSION: u32 = 1;
 /// The stats of a shard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stats {
+pub struct ShardStats {
     /// [`STATS_VERSION`] of the generator that wrote it.
     pub stats_version: u32,
     /// Version of the generator that wrote it.
@@ -30,78 +30,78 @@ pub struct Stats {
     pub fingerprint: String,
     /// The tar or folder, relative to the dataset's folder.
     pub file: String,
-    /// Samples in it.
+    /// Number of samples.
     pub samples: u64,
     /// Draws that were rejected and drawn again.
     pub rejected: u64,
-    /// Samples in it that are not healthy.
+    /// Samples that are not healthy.
     pub unhealthy: u64,
-    /// Samples in it whose contact was not solved to the tolerance.
+    /// Samples whose contact was not solved to the tolerance.
     pub unconverged: u64,
-    /// Samples in it that show contact.
+    /// Samples that show contact.
     pub in_contact: u64,
-    /// Objects that were to be pressed in with others, and found no place among them.
+    /// Objects for which there was no place among the others of their samples.
     #[serde(default)]
     pub unplaced_objects: u64,
-    /// How much of the contacts the optics were not calibrated on.
+    /// How much of the contacts lies outside the calibrated range of the optics.
     #[serde(default)]
     pub light: LightRange,
     /// Bytes of the tar, or of the folder's files.
     pub bytes: u64,
-    /// SHA-256 of the tar; of a folder, see [`super::imagefolder`].
+    /// SHA-256 of the tar; for a folder see [`super::imagefolder`].
     pub sha256: String,
-    /// Samples per class; of several objects the first one's counts.
+    /// Samples per class; a sample with several objects counts for the class of the first one.
     pub classes: BTreeMap<String, u64>,
-    /// Seconds per stage, summed over the samples.
+    /// CPU seconds per stage, summed over the samples.
     pub seconds: Seconds,
-    /// How many samples each effect ran in, and for how long.
-    pub effects: PerEffect<Count>,
+    /// Each effect: in how many samples it ran, and for how long.
+    pub effects: PerEffect<EffectCount>,
     /// The rejected draws.
     pub rejections: Vec<Rejection>,
     /// SHA-256 of this file with 64 zeros in this place.
     pub seal_sha256: String,
 }
 
-/// What stands before the seal in the file.
-const SEAL: &str = "\"seal_sha256\": \"";
+/// What stands before the file's own hash.
+const SELF_HASH_MARK: &str = "\"seal_sha256\": \"";
 
-/// Areas in contact, and those of them whose slope or displacement lies beyond the presses that the optics were calibrated
-/// on.
+/// Area of contacts, and the part of it whose slope or displacement lies outside the presses on which the optics were
+/// calibrated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightRange {
-    /// All that touches, mm^2, summed over the samples.
+    /// Area of all contacts, mm^2, summed over the samples.
     pub contact_mm2: f64,
-    /// What of it lies beyond, mm^2.
+    /// Part of it outside the calibrated range, mm^2.
     pub outside_mm2: f64,
 }
 
 impl LightRange {
-    /// Of one sample.
+    /// Returns the areas of one sample.
     pub fn from_label(label: &Label) -> Self {
         let contact_mm2 = label.contact.area_mm2;
         Self { contact_mm2, outside_mm2: contact_mm2 * label.numerics.light_outside_range }
     }
 
-    /// Adds the areas of others.
+    /// Adds the areas of other samples.
     pub fn add(&mut self, other: &Self) {
         self.contact_mm2 += other.contact_mm2;
         self.outside_mm2 += other.outside_mm2;
     }
 
-    /// Share of the contacts that lies beyond; 0 without contact.
+    /// Returns the fraction of the contacts outside the calibrated range; 0 without contact.
     pub fn share_outside(&self) -> f64 {
         if self.contact_mm2 > 0.0 { self.outside_mm2 / self.contact_mm2 } else { 0.0 }
     }
 
-    /// What to say of it; nothing if all is within.
+    /// Returns a note for the user, or `None` if all is within the calibrated range.
     pub fn note(&self) -> Option<String> {
         let percent = 100.0 * self.share_outside();
         let share = if percent < 0.1 { String::from("less than 0.1 %") } else { format!("{percent:.1} %") };
         (percent > 0.0).then(|| {
             format!(
                 "{share} of the contact is steeper or deeper than the presses that the optics were calibrated on: light is \
-                 extrapolated there (docs/calibration.md)"
+                 extrapolated there (docs/how-to/calibrate.md)"
             )
         })
     }
@@ -115,7 +115,7 @@ pub struct Rejection {
     pub key: String,
     /// How many draws of the sample were rejected before this one.
     pub attempt: u32,
-    /// Seed of the job: with key and attempt, all it takes to draw it again.
+    /// Seed of the job. With the key and the attempt it is all that is needed to draw the sample again.
     pub seed: u64,
     /// What was wrong with it.
     pub reason: String,
@@ -123,19 +123,19 @@ pub struct Rejection {
     pub label: Label,
 }
 
-/// Samples with and without an effect.
+/// Number of samples with and without an effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Count {
+pub struct EffectCount {
     /// Samples in which it ran.
     pub ran: u64,
     /// Samples in which it was skipped.
     pub skipped: u64,
-    /// CPU seconds that it took; part of its stage's.
+    /// CPU seconds of the effect, which are part of its stage's.
     pub seconds: f64,
 }
 
-impl Count {
-    /// Adds the samples of others.
+impl EffectCount {
+    /// Adds the counts of other samples.
     pub fn add(&mut self, other: &Self) {
         self.ran += other.ran;
         self.skipped += other.skipped;
@@ -143,26 +143,26 @@ impl Count {
     }
 }
 
-impl Versioned for Stats {
+impl Versioned for ShardStats {
     const NEWEST: u32 = STATS_VERSION;
 
     fn version(&self) -> u32 {
         self.stats_version
     }
 
-    fn is_as_written(text: &[u8]) -> bool {
-        is_sealed(text, SEAL)
+    fn is_unmodified(text: &[u8]) -> bool {
+        has_valid_self_hash(text, SELF_HASH_MARK)
     }
 }
 
-impl Stats {
-    /// Those of a shard without samples yet.
+impl ShardStats {
+    /// Makes the stats of a shard that has no samples yet.
     pub fn new(shard: &Shard, container: Container, fingerprint: &str) -> Self {
         Self {
             stats_version: STATS_VERSION,
             generator: env!("CARGO_PKG_VERSION").to_owned(),
             fingerprint: fingerprint.to_owned(),
-            file: container.file(shard),
+            file: container.relative_path(shard),
             samples: 0,
             rejected: 0,
             unhealthy: 0,
@@ -176,24 +176,25 @@ impl Stats {
             seconds: Seconds::default(),
             effects: PerEffect::default(),
             rejections: Vec::new(),
-            seal_sha256: BLANK.to_owned(),
+            seal_sha256: BLANK_HASH.to_owned(),
         }
     }
 
-    /// True if they are about this shard of the job with this fingerprint.
-    pub fn is_of(&self, shard: &Shard, container: Container, fingerprint: &str) -> bool {
-        (self.fingerprint.as_str(), self.samples) == (fingerprint, shard.samples) && self.file == container.file(shard)
+    /// Returns true if the stats are about this shard of the job with this fingerprint.
+    pub fn belongs_to(&self, shard: &Shard, container: Container, fingerprint: &str) -> bool {
+        (self.fingerprint.as_str(), self.samples) == (fingerprint, shard.samples)
+            && self.file == container.relative_path(shard)
     }
 
-    /// The text of its file, sealed.
+    /// Formats the text of the file, with its own hash.
     pub fn to_text(&self) -> io::Result<String> {
-        let blank = Self { seal_sha256: BLANK.to_owned(), ..self.clone() };
-        Ok(sealed(&(serde_json::to_string_pretty(&blank).map_err(io::Error::other)? + "\n"), SEAL))
+        let blank = Self { seal_sha256: BLANK_HASH.to_owned(), ..self.clone() };
+        Ok(insert_self_hash(&(serde_json::to_string_pretty(&blank).map_err(io::Error::other)? + "\n"), SELF_HASH_MARK))
     }
 
-    /// What the samples of the shard were counted to be otherwise than in this file, by key. `counted` has no rejected
-    /// draws, only how many.
-    pub fn differs(&self, counted: &Self) -> Option<String> {
+    /// Compares the stats with what the labels of the shard were counted to be. Returns the first difference, by key,
+    /// or `None`. `counted` has the number of rejected draws, but not the draws.
+    pub fn find_difference(&self, counted: &Self) -> Option<String> {
         let numbers = [
             ("samples", self.samples, counted.samples),
             ("rejected", self.rejected, counted.rejected),
@@ -218,8 +219,8 @@ impl Stats {
         Some(format!("effects.{}.ran is {here}, the labels have {there}", effect.name()))
     }
 
-    /// Counts a sample, and the draws of it that were rejected.
-    pub fn count(&mut self, label: &Label, rejected: Vec<Label>, seconds: &Seconds, effects: &PerEffect<f64>) {
+    /// Counts a sample, and those draws of it that were rejected.
+    pub fn count_sample(&mut self, label: &Label, rejected: Vec<Label>, seconds: &Seconds, effects: &PerEffect<f64>) {
         self.samples += 1;
         self.rejected += rejected.len() as u64;
         self.unhealthy += u64::from(!label.health.healthy);
@@ -230,7 +231,7 @@ impl Stats {
         *self.classes.entry(label.header.object.class.clone()).or_default() += 1;
         for effect in Effect::ALL {
             let ran = label.effects[effect].ran;
-            let one = Count { ran: u64::from(ran), skipped: u64::from(!ran), seconds: effects[effect] };
+            let one = EffectCount { ran: u64::from(ran), skipped: u64::from(!ran), seconds: effects[effect] };
             self.effects[effect].add(&one);
         }
         self.seconds.add(seconds);
@@ -243,17 +244,17 @@ impl Stats {
         }));
     }
 
-    /// True if the shard is there and as large as the one that was written.
-    pub fn measures(&self, paths: &Paths) -> io::Result<bool> {
-        match paths.container.measure(&paths.data) {
+    /// Returns true if the shard exists with the size that was written.
+    pub fn matches_size(&self, paths: &ShardPaths) -> io::Result<bool> {
+        match paths.container.measure_bytes(&paths.data) {
             Ok(bytes) => Ok(bytes == self.bytes),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(error) => Err(error),
         }
     }
 
-    /// True if the shard is the one that was written, byte for byte: reads all of it.
-    pub fn vouches_for(&self, paths: &Paths) -> io::Result<bool> {
-        Ok(self.measures(paths)? && paths.container.checksum(&paths.data)?.1 == self.sha256)
+    /// Returns true if the shard is exactly the one that was written. Reads all of it.
+    pub fn matches_checksum(&self, paths: &ShardPaths) -> io::Result<bool> {
+        Ok(self.matches_size(paths)? && paths.container.checksum(&paths.data)?.1 == self.sha256)
     }
 }

@@ -1,4 +1,4 @@
-//! JSON files of a dataset that a later gelsim may write differently: read if they are of a version that is known.
+//! Reads JSON files of a dataset that have a version, and refuses those of a newer gelsim.
 
 use std::io;
 use std::path::Path;
@@ -7,43 +7,44 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::refused::Refused;
+use super::dataset_error::DatasetError;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::input;
 
-/// The version of the newer gelsim that wrote a file.
+/// The error for a file that a newer gelsim wrote. Holds its version.
 #[derive(Debug)]
-pub struct Newer(String);
+pub struct NewerVersion(String);
 
-/// A kind of file that says of which version it is.
+/// A kind of file that holds the version of its format.
 pub trait Versioned: DeserializeOwned {
-    /// The newest version that is known.
+    /// The newest version of the format that is known.
     const NEWEST: u32;
 
-    /// Its version.
+    /// Returns the version of the format.
     fn version(&self) -> u32;
 
-    /// True if the text is what was written, as far as it says so itself.
-    fn is_as_written(_text: &[u8]) -> bool {
+    /// Returns true if the text is what was written, as far as the file's own hash tells. A kind without one is always
+    /// accepted.
+    fn is_unmodified(_text: &[u8]) -> bool {
         true
     }
 
-    /// Reads a file. `None` if it is not there or not whole.
-    fn read(path: &Path) -> Result<Option<Self>, Refused> {
-        let text = match input::read_inside(path, input::MOST_METADATA_BYTES) {
+    /// Reads a file. Returns `None` if it does not exist or is not valid. It is an error if a newer gelsim wrote it.
+    fn read(path: &Path) -> Result<Option<Self>, DatasetError> {
+        let text = match input::read_without_links(path, input::MAX_METADATA_BYTES) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(Refused::Io(path.to_owned(), error)),
+            Err(error) => return Err(DatasetError::Io(path.to_owned(), error)),
         };
-        Self::parse(&text).map_err(|Newer(version)| {
+        Self::parse(&text).map_err(|NewerVersion(version)| {
             let message = format!("{} was written by gelsim {version}, which is newer than this one", path.display());
-            Refused::Usage(user_error(message, "use that version, or another folder"))
+            DatasetError::Usage(user_error(message, "use that version, or another folder"))
         })
     }
 
-    /// Reads JSON. `None` if it is not whole.
-    fn parse(text: &[u8]) -> Result<Option<Self>, Newer> {
-        /// What every version has.
+    /// Parses JSON. Returns `None` if it is not valid.
+    fn parse(text: &[u8]) -> Result<Option<Self>, NewerVersion> {
+        /// The fields that every version has.
         #[derive(Deserialize)]
         struct Header {
             #[serde(alias = "stats_version", alias = "manifest_version")]
@@ -53,12 +54,12 @@ pub trait Versioned: DeserializeOwned {
         if let Ok(found) = serde_json::from_slice::<Self>(text)
             && found.version() <= Self::NEWEST
         {
-            return Ok(Self::is_as_written(text).then_some(found));
+            return Ok(Self::is_unmodified(text).then_some(found));
         }
         match serde_json::from_slice::<Header>(text) {
             Ok(header) if header.version > u64::from(Self::NEWEST) => {
                 let name = header.generator.as_str().or(header.generator["version"].as_str());
-                Err(Newer(name.unwrap_or("of a later version").to_owned()))
+                Err(NewerVersion(name.unwrap_or("of a later version").to_owned()))
             }
             _ => Ok(None),
         }
@@ -69,18 +70,18 @@ pub trait Versioned: DeserializeOwned {
 mod tests {
     use super::*;
     use crate::manifest::Manifest;
-    use crate::stats::Stats;
+    use crate::stats::ShardStats;
 
     #[test]
     fn a_file_of_a_newer_version_is_recognised_by_name_and_a_broken_one_is_none() {
         let stats = br#"{ "stats_version": 99, "generator": "9.1.0", "what": ["nobody", "knows"] }"#;
-        assert!(matches!(Stats::parse(stats), Err(Newer(version)) if version == "9.1.0"));
+        assert!(matches!(ShardStats::parse(stats), Err(NewerVersion(version)) if version == "9.1.0"));
         let manifest = br#"{ "manifest_version": 99, "generator": { "name": "gelsim", "version": "9.1.0" } }"#;
-        assert!(matches!(Manifest::parse(manifest), Err(Newer(version)) if version == "9.1.0"));
+        assert!(matches!(Manifest::parse(manifest), Err(NewerVersion(version)) if version == "9.1.0"));
         for broken in [&b"{ \"stats_version\": 1, "[..], b"[]", b"", b"null", b"{ \"stats_version\": -1 }"] {
-            assert!(matches!(Stats::parse(broken), Ok(None)));
+            assert!(matches!(ShardStats::parse(broken), Ok(None)));
         }
         let deep = "[".repeat(1_000_000);
-        assert!(matches!(Stats::parse(deep.as_bytes()), Ok(None)));
+        assert!(matches!(ShardStats::parse(deep.as_bytes()), Ok(None)));
     }
 }

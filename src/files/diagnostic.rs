@@ -1,30 +1,30 @@
-//! What a user should know of something they wrote: message, place, way out; and how that is printed.
+//! Messages to a user about what they wrote: severity, text, place and what to do; and how they are printed.
 
 use std::fmt;
 
 use annotate_snippets::{AnnotationKind, Group, Level, Origin, Renderer, Snippet};
 use serde::Serialize;
 
-use crate::source::{Place, Source};
-use crate::spelling::{visible, without_codes};
+use crate::source::{SourceSpan, SourceText};
+use crate::spelling::{escape_hidden_chars, strip_os_error_codes};
 
-/// How bad it is.
+/// How severe a message is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Good to know; there is nothing to do.
+    /// Good to know. There is nothing to do.
     Info,
-    /// The work is done; there is something that one may want to do otherwise.
+    /// The work is done, but the user may want to do something differently.
     Note,
-    /// The work is done; its result is probably not what is wanted.
+    /// The work is done, but the result is probably not what is wanted.
     Warning,
-    /// Nothing is done.
+    /// The work is not done.
     #[default]
     Error,
 }
 
 impl Severity {
-    /// As it is printed.
+    /// Returns the word that is printed.
     pub fn name(self) -> &'static str {
         match self {
             Self::Info => "info",
@@ -34,7 +34,7 @@ impl Severity {
         }
     }
 
-    fn level(self) -> Level<'static> {
+    fn to_snippet_level(self) -> Level<'static> {
         match self {
             Self::Info => Level::INFO,
             Self::Note => Level::NOTE,
@@ -44,50 +44,50 @@ impl Severity {
     }
 }
 
-/// One thing to know.
+/// One message to a user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Diagnostic {
-    /// How bad it is.
+    /// How severe it is.
     pub severity: Severity,
-    /// What it is, in one sentence without a full stop.
+    /// What is to be said, in one sentence without a full stop.
     pub message: String,
-    /// Where, if a text holds it; of several places the first.
-    pub place: Option<Place>,
+    /// The place in a text that it is about, if there is one; the first of several.
+    pub place: Option<SourceSpan>,
     /// What to do.
     pub help: Option<String>,
-    /// What follows from it that is looked for elsewhere, too.
+    /// A consequence that another check would report on its own.
     pub consequence: Option<Consequence>,
-    /// What it is said of, where the same may be true of many.
+    /// What the message is about, if the same may be true of many things.
     pub subjects: Option<Box<Subjects>>,
 }
 
-/// What may follow from what a diagnostic says, so that it is not said a second time.
+/// What may follow from a message, so that it is not reported a second time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Consequence {
-    /// Objects touch nothing.
+    /// The objects touch nothing.
     NoContact,
 }
 
-/// Files, rows or frames of which the same is true.
+/// Files, rows or frames of which one message is true.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Subjects {
     /// What is true of them: the end of a sentence that begins with their number.
     pub cause: String,
-    /// How many they are.
+    /// Their number.
     pub count: usize,
-    /// The first of them.
+    /// The first few of them.
     pub first: Vec<String>,
 }
 
-/// Subjects that a message names.
-const NAMED: usize = 3;
+/// Number of subjects that a message names.
+const MAX_NAMED_SUBJECTS: usize = 3;
 
 impl Diagnostic {
-    /// A mistake without a place yet.
+    /// Makes an error without a place.
     pub fn new(message: impl Into<String>) -> Self {
         Self {
             severity: Severity::Error,
-            message: shortened(visible(&without_codes(message.into())).into_owned()),
+            message: shorten_message(escape_hidden_chars(&strip_os_error_codes(message.into())).into_owned()),
             place: None,
             help: None,
             consequence: None,
@@ -95,49 +95,49 @@ impl Diagnostic {
         }
     }
 
-    /// Something that is done and yet probably not wanted.
+    /// Makes a warning: the work is done, but the result is probably not what is wanted.
     pub fn warning(message: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, ..Self::new(message) }
     }
 
-    /// Something that one may want to do otherwise.
+    /// Makes a note: the work is done, but the user may want to do something differently.
     pub fn note(message: impl Into<String>) -> Self {
         Self { severity: Severity::Note, ..Self::new(message) }
     }
 
-    /// Something that needs nothing done.
+    /// Makes an information, after which there is nothing to do.
     pub fn info(message: impl Into<String>) -> Self {
         Self { severity: Severity::Info, ..Self::new(message) }
     }
 
-    /// Says where.
-    pub fn at(mut self, place: impl Into<Option<Place>>) -> Self {
+    /// Sets the place.
+    pub fn at(mut self, place: impl Into<Option<SourceSpan>>) -> Self {
         self.place = place.into();
         self
     }
 
-    /// Says what would be right.
+    /// Sets what to do.
     pub fn help(mut self, help: impl Into<String>) -> Self {
-        self.help = Some(shortened(visible(&without_codes(help.into())).into_owned()));
+        self.help = Some(shorten_message(escape_hidden_chars(&strip_os_error_codes(help.into())).into_owned()));
         self
     }
 
-    /// Says that objects may touch nothing because of it.
-    pub fn explains_misses(mut self) -> Self {
+    /// Marks that objects may touch nothing because of this.
+    pub fn explaining_no_contact(mut self) -> Self {
         self.consequence = Some(Consequence::NoContact);
         self
     }
 
-    /// Says what the message is about, and what is true of many such: "files do not exist". [`Diagnostics`] make one message
-    /// of all that have the same cause and help.
-    pub fn of(mut self, subject: impl Into<String>, cause: impl Into<String>) -> Self {
-        let subject = shortened(visible(&subject.into()).into_owned());
+    /// Sets what the message is about, and what is true of many such subjects, for instance "files do not exist".
+    /// [`Diagnostics`] joins all messages with the same cause and help into one.
+    pub fn about(mut self, subject: impl Into<String>, cause: impl Into<String>) -> Self {
+        let subject = shorten_message(escape_hidden_chars(&subject.into()).into_owned());
         self.subjects = Some(Box::new(Subjects { cause: cause.into(), count: 1, first: vec![subject] }));
         self
     }
 
-    /// The message; of several subjects their number, what is true of them, and the first ones.
-    pub fn text(&self) -> String {
+    /// Returns the message. For several subjects it is their number, what is true of them, and the first few.
+    pub fn full_message(&self) -> String {
         match self.subjects.as_deref() {
             Some(Subjects { cause, count, first }) if *count > 1 => {
                 let more = match count - first.len() {
@@ -150,13 +150,13 @@ impl Diagnostic {
         }
     }
 
-    /// Takes another subject of the same cause in; false if it is something else.
-    fn join(&mut self, other: &Self) -> bool {
+    /// Joins `other` into this message if its cause, severity and help are the same. Returns false if they are not.
+    fn merge_subject(&mut self, other: &Self) -> bool {
         let same = self.severity == other.severity && self.help == other.help;
         match (&mut self.subjects, &other.subjects) {
             (Some(own), Some(more)) if same && own.cause == more.cause => {
                 own.count += more.count;
-                own.first.extend(more.first.iter().take(NAMED.saturating_sub(own.first.len())).cloned());
+                own.first.extend(more.first.iter().take(MAX_NAMED_SUBJECTS.saturating_sub(own.first.len())).cloned());
                 self.place = [self.place, other.place].into_iter().flatten().min();
                 true
             }
@@ -165,54 +165,55 @@ impl Diagnostic {
     }
 }
 
-/// Mistakes that are collected; who made more does not read them all, and a hostile file has millions.
-const MOST: usize = 50;
+/// Most messages that are collected. Nobody reads more, and a hostile file could make millions.
+const MAX_ERRORS: usize = 50;
 
-/// Everything found so far. Work starts only when no mistake is among it.
+/// All messages found so far. Work starts only when there is no error among them.
 #[derive(Clone, Debug, Default)]
 pub struct Diagnostics(Vec<Diagnostic>);
 
 impl Diagnostics {
-    /// Adds one, unless the same one at the same place is there already, or there are enough. Of the same cause there is one.
+    /// Adds a message, unless it is there already or there are enough. A message of the same cause is joined to the one
+    /// that is there.
     pub fn push(&mut self, problem: Diagnostic) {
-        if self.0.contains(&problem) || self.0.iter_mut().any(|known| known.join(&problem)) || self.is_full() {
+        if self.0.contains(&problem) || self.0.iter_mut().any(|known| known.merge_subject(&problem)) || self.is_full() {
             return;
         }
         self.0.push(problem);
         if self.is_full() {
-            self.0.push(Diagnostic::new("there may be more mistakes than these").help("mend them, then try again"));
+            self.0.push(Diagnostic::new("there may be more mistakes than these").help("fix them, then try again"));
         }
     }
 
-    /// True if no more mistakes are taken.
+    /// Returns true if no more messages are taken.
     pub fn is_full(&self) -> bool {
-        self.0.len() >= MOST
+        self.0.len() >= MAX_ERRORS
     }
 
-    /// Adds what was found elsewhere.
+    /// Adds messages that were found elsewhere.
     pub fn extend(&mut self, found: impl IntoIterator<Item = Diagnostic>) {
         found.into_iter().for_each(|problem| self.push(problem));
     }
 
-    /// True as long as nothing was found.
+    /// Returns true if there are no messages.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// All of them, in the order in which they were found.
+    /// Iterates over the messages in the order in which they were found.
     pub fn iter(&self) -> impl Iterator<Item = &Diagnostic> {
         self.0.iter()
     }
 
-    /// Where the mistakes are.
-    pub fn places(&self) -> impl Iterator<Item = Place> + '_ {
+    /// Iterates over the places of those messages that have one.
+    pub fn places(&self) -> impl Iterator<Item = SourceSpan> + '_ {
         self.0.iter().filter_map(|problem| problem.place)
     }
 
-    /// All of them, in the order in which they stand in their sources.
-    pub fn sorted(&self) -> Vec<Diagnostic> {
+    /// Returns the messages in the order of their places in the sources.
+    pub fn sorted_by_place(&self) -> Vec<Diagnostic> {
         let mut problems = self.0.clone();
-        let found = problems.len().min(MOST);
+        let found = problems.len().min(MAX_ERRORS);
         problems[..found].sort_by_key(|problem| problem.place);
         problems
     }
@@ -227,79 +228,81 @@ impl IntoIterator for Diagnostics {
     }
 }
 
-/// How text is shown where it goes.
+/// How text is formatted for the place where it is shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Display {
-    /// With the colours of a terminal.
+pub struct DisplayOptions {
+    /// Whether it has the colours of a terminal.
     pub is_styled: bool,
-    /// Within so many columns; none: a line is as long as it is.
+    /// Number of columns into which it is folded; `None` leaves lines as long as they are.
     pub columns: Option<usize>,
 }
 
-impl Display {
-    /// Text as a file or a program takes it.
+impl DisplayOptions {
+    /// Plain text for a file or another program.
     pub const PLAIN: Self = Self { is_styled: false, columns: None };
 
-    /// Folds a paragraph between its words, so that `indent` more columns stand before each line.
-    fn fold(self, text: &str, indent: usize) -> String {
+    /// Folds a paragraph between words, leaving `indent` columns free at the start of each line.
+    fn wrap_text(self, text: &str, indent: usize) -> String {
         match self.columns {
             None => text.to_owned(),
             Some(columns) => {
-                let options = textwrap::Options::new(columns.saturating_sub(indent).max(NARROWEST)).break_words(false);
+                let options =
+                    textwrap::Options::new(columns.saturating_sub(indent).max(MIN_COLUMNS)).break_words(false);
                 textwrap::fill(text, options)
             }
         }
     }
 }
 
-/// Text is not folded into fewer columns.
-const NARROWEST: usize = 16;
+/// The narrowest width to which text is folded, columns.
+const MIN_COLUMNS: usize = 16;
 
-/// Diagnostics together with the texts they were found in: ready to be shown.
+/// Messages together with the texts that they are about, ready to be shown.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     problems: Vec<Diagnostic>,
-    sources: Vec<Source>,
+    sources: Vec<SourceText>,
 }
 
 impl Report {
-    /// Takes over what was found.
-    pub fn new(problems: &Diagnostics, sources: &[Source]) -> Self {
-        let named = |source: &Source| Source { name: visible(&source.name).into_owned(), ..source.clone() };
-        Self { problems: problems.sorted(), sources: sources.iter().map(named).collect() }
+    /// Makes a report from messages and the texts that their places refer to.
+    pub fn new(problems: &Diagnostics, sources: &[SourceText]) -> Self {
+        let named =
+            |source: &SourceText| SourceText { name: escape_hidden_chars(&source.name).into_owned(), ..source.clone() };
+        Self { problems: problems.sorted_by_place(), sources: sources.iter().map(named).collect() }
     }
 
-    /// A report of one mistake that has no text around it.
-    pub fn message(message: impl Into<String>) -> Self {
+    /// Makes a report of one error that has no place.
+    pub fn from_message(message: impl Into<String>) -> Self {
         Self::from(Diagnostic::new(message))
     }
 
-    /// Where one of its diagnostics is, as `file:line:column`.
-    pub fn place(&self, problem: &Diagnostic) -> Option<String> {
+    /// Returns the place of one of the report's messages as `file:line:column`, if it has a place.
+    pub fn format_place(&self, problem: &Diagnostic) -> Option<String> {
         let place = problem.place?;
         let source = self.sources.get(place.source)?;
-        let line = Line::from_text(&source.text, place);
-        Some(format!("{}:{}:{}", source.name, line.number, line.column()))
+        let line = MarkedLine::from_text(&source.text, place);
+        Some(format!("{}:{}:{}", source.name, line.number, line.column_number()))
     }
 
-    /// What it holds.
+    /// Returns the messages.
     pub fn problems(&self) -> &[Diagnostic] {
         &self.problems
     }
 
-    /// The mistakes of both, those of `other` last.
-    pub fn and(mut self, other: Self) -> Self {
+    /// Returns a report with the messages of both, those of `other` last.
+    pub fn merged_with(mut self, other: Self) -> Self {
         let before = self.sources.len();
         self.sources.extend(other.sources);
         self.problems.extend(other.problems.into_iter().map(|mut problem| {
-            problem.place = problem.place.map(|place| Place { source: place.source + before, ..place });
+            problem.place = problem.place.map(|place| SourceSpan { source: place.source + before, ..place });
             problem
         }));
         self
     }
 
-    /// The same with `to` in place of `from` in all that is said.
-    pub fn saying(mut self, from: &str, to: &str) -> Self {
+    /// Returns the report with `from` replaced by `to` in all messages, helps and names of sources.
+    pub fn with_replaced_text(mut self, from: &str, to: &str) -> Self {
         for problem in &mut self.problems {
             problem.message = problem.message.replace(from, to);
             problem.help = problem.help.take().map(|help| help.replace(from, to));
@@ -310,72 +313,74 @@ impl Report {
         self
     }
 
-    /// What of it is so bad, or worse.
-    pub fn at_least(&self, least: Severity) -> Self {
+    /// Returns a report of those messages that are at least this severe.
+    pub fn filter_by_severity(&self, least: Severity) -> Self {
         let problems = self.problems.iter().filter(|problem| problem.severity >= least).cloned().collect();
         Self { problems, sources: self.sources.clone() }
     }
 
-    /// What a user is shown who does not ask for all: what is more than an information, and what can be had otherwise.
+    /// Returns a report of what a user is shown by default: all but information that has no help.
     pub fn worth_showing(&self) -> Self {
         let is_shown = |problem: &&Diagnostic| problem.severity > Severity::Info || problem.help.is_some();
         let problems = self.problems.iter().filter(is_shown).cloned().collect();
         Self { problems, sources: self.sources.clone() }
     }
 
-    /// A text for each that is more than an information: what it is, and what to do.
-    pub fn texts(&self) -> Vec<String> {
+    /// Returns one text for each message above information: the message, and what to do.
+    pub fn messages_with_help(&self) -> Vec<String> {
         let text = |problem: &Diagnostic| match &problem.help {
-            Some(help) => format!("{}: {help}", problem.text()),
-            None => problem.text(),
+            Some(help) => format!("{}: {help}", problem.full_message()),
+            None => problem.full_message(),
         };
         self.problems.iter().filter(|problem| problem.severity > Severity::Info).map(text).collect()
     }
 
-    /// All of it as errors, with one more to say why.
-    pub fn as_errors(&self, why: &str) -> Self {
+    /// Turns all messages into errors and adds a note that says why.
+    pub fn to_errors(&self, why: &str) -> Self {
         let mut report = self.clone();
         report.problems.iter_mut().for_each(|problem| problem.severity = Severity::Error);
         report.problems.push(Diagnostic::note(why));
         report
     }
 
-    /// True without a mistake.
+    /// Returns true if there are no messages.
     pub fn is_empty(&self) -> bool {
         self.problems.is_empty()
     }
 
-    /// A paragraph for each: severity and message; `file:line:column` and the line, if it has a place; what to do.
-    pub fn render(&self, display: Display) -> String {
-        let paragraphs: Vec<String> = self.paragraphs(display).collect();
+    /// Renders a paragraph for each message: severity and text; `file:line:column` and the line, if it has a place;
+    /// what to do.
+    pub fn render(&self, display: DisplayOptions) -> String {
+        let paragraphs: Vec<String> = self.render_paragraphs(display).collect();
         paragraphs.join("\n\n")
     }
 
-    /// The paragraphs of [`Self::render`].
-    pub fn paragraphs(&self, display: Display) -> impl Iterator<Item = String> + '_ {
+    /// Iterates over the paragraphs of [`Self::render`].
+    pub fn render_paragraphs(&self, display: DisplayOptions) -> impl Iterator<Item = String> + '_ {
         let renderer = if display.is_styled { Renderer::styled() } else { Renderer::plain() };
         let renderer = display.columns.map_or(renderer.clone(), |columns| renderer.term_width(columns));
         self.problems.iter().map(move |problem| {
-            // Columns before a title, and before a help that stands below a line's number.
-            let title = display.fold(&problem.text(), problem.severity.name().len() + 2);
-            let help = problem.help.as_ref().map(|help| display.fold(help, HELP_INDENT));
-            renderer.render(&[self.group(problem, &title, help.as_deref(), display.columns)])
+            // A title has the severity before it; a help stands below the line numbers.
+            let title = display.wrap_text(&problem.full_message(), problem.severity.name().len() + 2);
+            let help = problem.help.as_ref().map(|help| display.wrap_text(help, HELP_INDENT));
+            renderer.render(&[self.build_group(problem, &title, help.as_deref(), display.columns)])
         })
     }
 
-    fn group<'a>(
+    fn build_group<'a>(
         &'a self,
         problem: &'a Diagnostic,
         title: &'a str,
         help: Option<&'a str>,
         columns: Option<usize>,
     ) -> Group<'a> {
-        let title = problem.severity.level().primary_title(title);
+        let title = problem.severity.to_snippet_level().primary_title(title);
         let source = problem.place.and_then(|place| Some((self.sources.get(place.source)?, place)));
-        let mut group = match source.map(|(source, place)| (source, Line::from_text(&source.text, place))) {
+        let mut group = match source.map(|(source, place)| (source, MarkedLine::from_text(&source.text, place))) {
             None => Group::with_title(title),
-            Some((source, line)) if line.text.len() > LONGEST_LINE => {
-                title.element(Origin::path(source.name.as_str()).line(line.number).char_column(line.column()))
+            // A line this long comes from a file that is no text written by hand: name the place only.
+            Some((source, line)) if line.text.len() > MAX_LINE_BYTES => {
+                title.element(Origin::path(source.name.as_str()).line(line.number).char_column(line.column_number()))
             }
             Some((source, line)) => {
                 let mark = AnnotationKind::Primary.span(line.start..line.end_within(columns));
@@ -391,29 +396,29 @@ impl Report {
     }
 }
 
-/// Columns before a help: a number of four digits, the rule, and the word itself.
+/// Columns before a help: a line number of four digits, the rule, and the word itself.
 const HELP_INDENT: usize = "1234 = help: ".len();
 
-/// A longer line is not shown, only where it is, bytes.
-const LONGEST_LINE: usize = 2000;
+/// Most bytes of a line that is shown. Of a longer line only the place is named.
+const MAX_LINE_BYTES: usize = 2000;
 
-/// The part of a place that is worth showing: its first line, and the bytes of it to be underlined.
-struct Line<'a> {
+/// The line on which a place begins, and the bytes of it that are underlined.
+struct MarkedLine<'a> {
     text: &'a str,
     number: usize,
     start: usize,
     end: usize,
 }
 
-impl<'a> Line<'a> {
-    /// Counted from 1.
-    fn column(&self) -> usize {
+impl<'a> MarkedLine<'a> {
+    /// Returns the column where the mark begins, counted from 1.
+    fn column_number(&self) -> usize {
         self.text[..self.start].chars().count() + 1
     }
 
-    /// The end of what is underlined: what is wider than the terminal could not be cut to it.
+    /// Returns the end of the mark, so that it is no wider than the terminal: the renderer cannot cut a mark.
     fn end_within(&self, columns: Option<usize>) -> usize {
-        /// Columns for the line's number, its rule, and the dots where it is cut.
+        /// Columns taken by the line's number, its rule, and the dots where the line is cut.
         const BESIDE: usize = 14;
         let Some(columns) = columns else { return self.end };
         let marked = &self.text[self.start..self.end];
@@ -421,7 +426,7 @@ impl<'a> Line<'a> {
         cut.map_or(self.end, |(at, _)| self.start + at)
     }
 
-    fn from_text(text: &'a str, place: Place) -> Self {
+    fn from_text(text: &'a str, place: SourceSpan) -> Self {
         let floor = |mut at: usize| {
             at = at.min(text.len());
             while !text.is_char_boundary(at) {
@@ -439,22 +444,23 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Characters of a message or a hint that are shown.
-const LONGEST_MESSAGE: usize = 1000;
+/// Most characters of a message or a help that are shown.
+const MAX_MESSAGE_CHARS: usize = 1000;
 
-/// The text, or its start and its end: it may quote what the user wrote, which may be megabytes.
-fn shortened(text: String) -> String {
-    match text.char_indices().nth(LONGEST_MESSAGE) {
+/// Shortens a text to its start and its end if it is too long. It may quote what the user wrote, which may be
+/// megabytes.
+fn shorten_message(text: String) -> String {
+    match text.char_indices().nth(MAX_MESSAGE_CHARS) {
         None => text,
         Some(_) => {
             let cut = |at: usize| text.char_indices().nth(at).map_or(text.len(), |(at, _)| at);
-            let last = text.char_indices().rev().nth(LONGEST_MESSAGE / 4).map_or(0, |(at, _)| at);
-            format!("{} .. {}", &text[..cut(LONGEST_MESSAGE / 2)], &text[last..])
+            let last = text.char_indices().rev().nth(MAX_MESSAGE_CHARS / 4).map_or(0, |(at, _)| at);
+            format!("{} .. {}", &text[..cut(MAX_MESSAGE_CHARS / 2)], &text[last..])
         }
     }
 }
 
-/// A mistake found outside the texts that were read, such as in a flag.
+/// Makes an error about something outside the texts that were read, such as a flag.
 pub fn user_error(message: impl Into<String>, help: impl Into<String>) -> Report {
     Diagnostic::new(message).help(help).into()
 }
@@ -467,7 +473,7 @@ impl From<Diagnostic> for Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.render(Display::PLAIN))
+        f.write_str(&self.render(DisplayOptions::PLAIN))
     }
 }
 

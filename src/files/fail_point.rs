@@ -1,16 +1,16 @@
-//! The steps of a dataset's life at which a test may hold a run, to kill it there or to change what it has written.
+//! Steps of a dataset's life at which a test can hold a run, to kill it there or to change what it has written.
 //!
-//! The environment variable [`VARIABLE`] names a step, and after a colon the shard or file if one is meant:
-//! `shard renamed: train-000002`. A run that gets there says so on standard error and waits for a line, or the end, of its
-//! standard input. Nothing is ended or changed here: set by mistake, the variable costs a message and a keypress; unset,
-//! a step costs the look at whether it is.
+//! The environment variable [`FAIL_POINT_VARIABLE`] names a step and, after a colon, a shard or file if only one is
+//! meant: `shard renamed: train-000002`. A run that reaches the step reports it on standard error and waits for a line,
+//! or the end, of its standard input. Nothing is ended or changed here: if the variable is set by mistake, it costs a
+//! message and a keypress. If it is not set, a step only checks that.
 
 use std::io::{self, Write};
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// The variable that names a step.
-pub const VARIABLE: &str = "GELSIM_FAIL_POINT";
+/// The environment variable that names a step.
+pub const FAIL_POINT_VARIABLE: &str = "GELSIM_FAIL_POINT";
 
 macro_rules! steps {
     ($($step:ident, $name:literal, $what:literal;)*) => {
@@ -22,7 +22,7 @@ macro_rules! steps {
             /// All steps, in the order of a dataset's life.
             pub const ALL: &[Self] = &[$(Self::$step),*];
 
-            /// Its name in [`VARIABLE`].
+            /// Returns the step's name in [`FAIL_POINT_VARIABLE`].
             pub fn name(self) -> &'static str {
                 match self { $(Self::$step => $name,)* }
             }
@@ -36,7 +36,7 @@ steps! {
     OldFileRemoved, "old file removed", "A file that described a dataset to be replaced, or to grow, is gone.";
     FoldersMade, "folders made", "The dataset's folders are there.";
     DatasetLocked, "dataset locked", "Nobody else begins or describes the dataset.";
-    FileBegun, "file begun", "An empty file stands beside the place of one that is to be there whole or not at all.";
+    FileBegun, "file begun", "An empty file stands beside the place of one that must be complete or absent.";
     FileWritten, "file written", "That file is written and synced.";
     FileRenamed, "file renamed", "That file has its name.";
     ShardLocked, "shard locked", "Nobody else writes the shard.";
@@ -51,14 +51,15 @@ steps! {
     ShardDone, "shard done", "The shard has stats and is no longer locked.";
     DatasetChecked, "dataset checked", "All shards have been found.";
     DatasetSwept, "dataset swept", "Nothing is left of killed runs.";
-    DatasetDescribed, "dataset described", "The dataset is whole and described.";
+    DatasetDescribed, "dataset described", "The dataset is complete, and its index and card are written.";
 }
 
 impl Step {
-    /// Waits if [`VARIABLE`] names this step, of `path` if it names one: with or without its ending, partial or not.
-    pub fn reached(self, path: &Path) {
+    /// Waits if [`FAIL_POINT_VARIABLE`] names this step. If it also names a file, it must be that of `path`, with or
+    /// without its extension and the suffix of a partial file.
+    pub fn pause_if_requested(self, path: &Path) {
         static HELD: OnceLock<Option<String>> = OnceLock::new();
-        if let Some(held) = HELD.get_or_init(|| std::env::var(VARIABLE).ok())
+        if let Some(held) = HELD.get_or_init(|| std::env::var(FAIL_POINT_VARIABLE).ok())
             && let Some(of) = held.strip_prefix(self.name())
         {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -67,8 +68,8 @@ impl Step {
                 name.strip_prefix(of).is_some_and(|ending| ending.is_empty() || ending.starts_with('.'))
             });
             if this {
-                // Nobody has to listen, or to answer.
-                let _ = writeln!(io::stderr(), "{VARIABLE}: {}: {name}; waiting for a line", self.name());
+                // If nobody listens or answers, the run goes on.
+                let _ = writeln!(io::stderr(), "{FAIL_POINT_VARIABLE}: {}: {name}; waiting for a line", self.name());
                 let _ = io::stdin().read_line(&mut String::new());
             }
         }

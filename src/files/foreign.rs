@@ -1,32 +1,32 @@
-//! Files that are something else than their names say, known by how they begin: what people have in place of a file when a
-//! download, a copy or a program went another way.
+//! Recognises, by their first bytes, files that are not what their names say: what a failed download, copy or
+//! conversion leaves in place of a file.
 
-/// What a file is, behind "it is", and what to do.
+/// What a file is, as the end of a sentence that begins with "it is", and what to do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Foreign {
+pub struct ForeignFile {
     /// What it is.
     pub what: &'static str,
     /// What to do.
     pub help: &'static str,
 }
 
-/// What to do about a scene of an editor.
-pub const BLENDER: &str = "open it in Blender and export it as .glb, .obj, .ply or .stl";
-/// What to do about an archive.
-pub const UNPACK: &str = "unpack it, and name what is in it";
+/// What to do with a scene of a 3D editor.
+pub const EXPORT_FROM_BLENDER: &str = "open it in Blender and export it as .glb, .obj, .ply or .stl";
+/// What to do with an archive.
+pub const UNPACK_ARCHIVE: &str = "unpack it, and name what is in it";
 
 const FROM_PICKLE: &str = "write what is in it with numpy.save, or as a file of the format that belongs here";
 
-/// Beginnings of files, and what they are.
-const BEGINNINGS: &[(&[u8], &str, &str)] = &[
-    (b"\x1f\x8b", "packed by gzip", UNPACK),
-    (b"PK\x03\x04", "a ZIP archive", UNPACK),
-    (b"PK\x05\x06", "an empty ZIP archive", UNPACK),
-    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
-    (b"Rar!\x1a\x07", "a RAR archive", UNPACK),
-    (b"\xfd7zXZ\x00", "packed by xz", UNPACK),
-    (b"BZh", "packed by bzip2", UNPACK),
-    (b"\x28\xb5\x2f\xfd", "packed by zstd", UNPACK),
+/// The first bytes of known kinds of files, what they are, and what to do.
+const SIGNATURES: &[(&[u8], &str, &str)] = &[
+    (b"\x1f\x8b", "packed by gzip", UNPACK_ARCHIVE),
+    (b"PK\x03\x04", "a ZIP archive", UNPACK_ARCHIVE),
+    (b"PK\x05\x06", "an empty ZIP archive", UNPACK_ARCHIVE),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK_ARCHIVE),
+    (b"Rar!\x1a\x07", "a RAR archive", UNPACK_ARCHIVE),
+    (b"\xfd7zXZ\x00", "packed by xz", UNPACK_ARCHIVE),
+    (b"BZh", "packed by bzip2", UNPACK_ARCHIVE),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd", UNPACK_ARCHIVE),
     (b"%PDF-", "a PDF document", "export what belongs here from the program that made it"),
     (b"\x89PNG\r\n\x1a\n", "a PNG picture", "name the file that belongs here"),
     (b"\xff\xd8\xff", "a JPEG picture", "name the file that belongs here"),
@@ -35,8 +35,8 @@ const BEGINNINGS: &[(&[u8], &str, &str)] = &[
     (b"\x76\x2f\x31\x01", "an EXR picture", "name the file that belongs here"),
     (b"\x93NUMPY", "a NumPy array", "name the file that belongs here"),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", "write what is in it as files of their own"),
-    (b"Kaydara FBX Binary", "an FBX file", BLENDER),
-    (b"BLENDER", "a Blender file", BLENDER),
+    (b"Kaydara FBX Binary", "an FBX file", EXPORT_FROM_BLENDER),
+    (b"BLENDER", "a Blender file", EXPORT_FROM_BLENDER),
     (b"ISO-10303-21", "a STEP file", "open it in a CAD program and export it as .stl or .3mf"),
     (b"SQLite format 3\x00", "an SQLite database", "name the file that belongs here"),
     (b"\x80\x02", "a Python pickle", FROM_PICKLE),
@@ -45,66 +45,67 @@ const BEGINNINGS: &[(&[u8], &str, &str)] = &[
     (b"\x80\x05", "a Python pickle", FROM_PICKLE),
 ];
 
-/// What stands in place of a file of any kind: nothing that is read here is ever one of these.
-pub fn placeholder(bytes: &[u8]) -> Option<Foreign> {
+/// Recognises what may stand in place of a file of any kind, such as a pointer of Git LFS. No file that is read here is
+/// ever one of these.
+pub fn identify_placeholder(bytes: &[u8]) -> Option<ForeignFile> {
     if bytes.starts_with(b"version https://git-lfs.github.com/spec/") {
         let help = "fetch the file itself, in its repository: git lfs pull (git lfs install before, once)";
-        return Some(Foreign { what: "a pointer of Git LFS, not the file itself", help });
+        return Some(ForeignFile { what: "a pointer of Git LFS, not the file itself", help });
     }
     if bytes.starts_with(b"\x00\x05\x16\x07") || bytes.starts_with(b"\x00\x05\x16\x00") {
         let help = "remove it: the file itself has the same name without ._ before it";
-        return Some(Foreign { what: "a companion file of macOS (._NAME) without any content", help });
+        return Some(ForeignFile { what: "a companion file of macOS (._NAME) without any content", help });
     }
     let head = &bytes[..bytes.len().min(256)];
     let text = String::from_utf8_lossy(head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head)).trim_start().to_lowercase();
     if text.starts_with("<!doctype html") || text.starts_with("<html") {
         let help =
             "download the file itself: the page says why it did not come, such as a login or an address that is gone";
-        return Some(Foreign { what: "a web page (HTML)", help });
+        return Some(ForeignFile { what: "a web page (HTML)", help });
     }
     None
 }
 
-/// What a file is that is not what belongs there; `None` if nobody knows.
-pub fn recognise(bytes: &[u8]) -> Option<Foreign> {
+/// Recognises a file that is not of a kind that is expected. Returns `None` if the kind is unknown.
+pub fn identify_foreign_file(bytes: &[u8]) -> Option<ForeignFile> {
     if bytes.is_empty() {
-        return Some(Foreign { what: "empty", help: "copy or download it again: it has 0 bytes" });
+        return Some(ForeignFile { what: "empty", help: "copy or download it again: it has 0 bytes" });
     }
-    if let Some(foreign) = placeholder(bytes) {
+    if let Some(foreign) = identify_placeholder(bytes) {
         return Some(foreign);
     }
     if bytes.get(257..262) == Some(b"ustar") {
-        return Some(Foreign { what: "a tar archive", help: UNPACK });
+        return Some(ForeignFile { what: "a tar archive", help: UNPACK_ARCHIVE });
     }
-    let known = BEGINNINGS.iter().find(|(beginning, ..)| bytes.starts_with(beginning));
+    let known = SIGNATURES.iter().find(|(beginning, ..)| bytes.starts_with(beginning));
     if let Some((_, what, help)) = known {
-        return Some(Foreign { what, help });
+        return Some(ForeignFile { what, help });
     }
     let head = &bytes[..bytes.len().min(512)];
     if head.iter().all(|byte| *byte == 0) {
-        return Some(Foreign { what: "all zeros", help: "copy or download it again: nothing of it has arrived" });
+        return Some(ForeignFile { what: "all zeros", help: "copy or download it again: nothing of it has arrived" });
     }
     None
 }
 
-/// The same where binary data belongs: text is told, too.
-pub fn recognise_in_binary(bytes: &[u8]) -> Option<Foreign> {
-    recognise(bytes).or_else(|| {
+/// Recognises a foreign file where binary data is expected, as [`identify_foreign_file`] does; text is reported, too.
+pub fn identify_foreign_binary(bytes: &[u8]) -> Option<ForeignFile> {
+    identify_foreign_file(bytes).or_else(|| {
         let head = &bytes[..bytes.len().min(512)];
         let is_text =
             std::str::from_utf8(head).is_ok_and(|text| !text.contains(|c: char| c.is_control() && !c.is_whitespace()));
-        is_text.then_some(Foreign { what: "text", help: "it may say itself why it is not what belongs here" })
+        is_text.then_some(ForeignFile { what: "text", help: "it may say itself why it is not what belongs here" })
     })
 }
 
-/// In one sentence, as a reason: what it is, and what to do.
-impl std::fmt::Display for Foreign {
+/// Writes one sentence to be used as a reason: what it is, and what to do.
+impl std::fmt::Display for ForeignFile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "it is {}: {}", self.what, self.help)
     }
 }
 
-impl std::error::Error for Foreign {}
+impl std::error::Error for ForeignFile {}
 
 #[cfg(test)]
 mod tests {
@@ -123,11 +124,14 @@ mod tests {
             (b"\xff\xd8\xff\xe0", "a JPEG picture"),
             (&[0; 600], "all zeros"),
         ] {
-            let found = recognise(bytes).unwrap_or_else(|| panic!("{what}"));
+            let found = identify_foreign_file(bytes).unwrap_or_else(|| panic!("{what}"));
             assert!(found.what.starts_with(what) && !found.help.is_empty(), "{found}");
         }
-        assert_eq!(recognise(b"solid cube"), None);
-        assert_eq!(recognise_in_binary(b"{\"message\": \"Not Found\"}\n").map(|foreign| foreign.what), Some("text"));
-        assert_eq!(recognise_in_binary(b"\x01\x02\x03"), None);
+        assert_eq!(identify_foreign_file(b"solid cube"), None);
+        assert_eq!(
+            identify_foreign_binary(b"{\"message\": \"Not Found\"}\n").map(|foreign| foreign.what),
+            Some("text")
+        );
+        assert_eq!(identify_foreign_binary(b"\x01\x02\x03"), None);
     }
 }

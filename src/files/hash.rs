@@ -1,26 +1,26 @@
-//! SHA-256 (FIPS 180-4) of bytes and files, in lower-case hexadecimal digits as `sha256sum` prints it.
+//! SHA-256 (FIPS 180-4) of bytes and files, in lower-case hexadecimal digits as `sha256sum` prints them.
 
 use std::io::{self, Read};
 
 use sha2::{Digest, Sha256};
 
-/// Lower-case hex, two digits a byte.
-pub fn hex(bytes: &[u8]) -> String {
+/// Formats bytes as lower-case hexadecimal digits, two a byte.
+pub fn to_hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// SHA-256 of bytes.
+/// Returns the SHA-256 of bytes.
 pub fn sha256(bytes: &[u8]) -> String {
-    hex(&Sha256::digest(bytes))
+    to_hex(&Sha256::digest(bytes))
 }
 
-/// SHA-256 of a file's bytes.
-pub fn sha256_of(mut file: impl Read) -> io::Result<String> {
+/// Returns the SHA-256 of all bytes of a reader.
+pub fn sha256_of_reader(mut file: impl Read) -> io::Result<String> {
     let mut hash = Sha256::new();
     let mut bytes = vec![0; 1 << 18];
     loop {
         match file.read(&mut bytes)? {
-            0 => return Ok(hex(&hash.finalize())),
+            0 => return Ok(to_hex(&hash.finalize())),
             count => hash.update(&bytes[..count]),
         }
     }
@@ -40,6 +40,6 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("abc");
         std::fs::write(&path, "abc").expect("a file");
-        assert_eq!(sha256_of(File::open(&path).expect("a file")).expect("readable"), expected);
+        assert_eq!(sha256_of_reader(File::open(&path).expect("a file")).expect("readable"), expected);
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures that a user has: PNG, JPEG, BMP, TIFF or WebP, told by how they begin, whatever their names end in.
+//! Reads images that a user has: PNG, JPEG, BMP, TIFF or WebP, told apart by their first bytes and not by their names.
 
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
@@ -6,10 +6,10 @@ use std::path::Path;
 use image::error::ImageError;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbImage};
 
-use super::{foreign, input, png, unpack};
-use gelsim_core::base::view::{MOST_PX, sides};
+use super::{foreign, input, png, size_limits};
+use gelsim_core::base::view::{MOST_PX, check_image_size};
 
-/// Formats that are read, how their files begin, and the endings of their names.
+/// The formats that are read, their names, and the extensions of their files.
 const FORMATS: [(ImageFormat, &str, &[&str]); 5] = [
     (ImageFormat::Png, "PNG", &["png"]),
     (ImageFormat::Jpeg, "JPEG", &["jpg", "jpeg", "jpe"]),
@@ -18,20 +18,20 @@ const FORMATS: [(ImageFormat, &str, &[&str]); 5] = [
     (ImageFormat::WebP, "WebP", &["webp"]),
 ];
 
-/// As messages name them.
-pub const NAMES: &str = "PNG, JPEG, BMP, TIFF or WebP";
+/// The names of the formats as messages list them.
+pub const FORMAT_NAMES: &str = "PNG, JPEG, BMP, TIFF or WebP";
 
-/// Bytes of a file that tell its format.
-const HEAD: usize = 64;
+/// Number of first bytes that tell the format of a file.
+const HEAD_BYTES: usize = 64;
 
-/// True if a file is named like a picture.
-pub fn is_named_like_one(path: &Path) -> bool {
+/// Returns true if a file's extension is that of an image.
+pub fn has_image_extension(path: &Path) -> bool {
     let ending = path.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
     ending.is_some_and(|ending| FORMATS.iter().any(|(_, _, endings)| endings.contains(&ending.as_str())))
 }
 
-/// The format of a file that begins so; an error says what it is instead.
-fn format(bytes: &[u8]) -> Result<(ImageFormat, &'static str), String> {
+/// Detects the format by the first bytes. The error says what the file is instead.
+fn detect_format(bytes: &[u8]) -> Result<(ImageFormat, &'static str), String> {
     let format = match bytes {
         [0x89, b'P', b'N', b'G', b'\r', b'\n', 0x1a, b'\n', ..] => ImageFormat::Png,
         [0xff, 0xd8, 0xff, ..] => ImageFormat::Jpeg,
@@ -39,9 +39,9 @@ fn format(bytes: &[u8]) -> Result<(ImageFormat, &'static str), String> {
         [b'I', b'I', 42, 0, ..] | [b'M', b'M', 0, 42, ..] => ImageFormat::Tiff,
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => ImageFormat::WebP,
         _ => {
-            return Err(match foreign::recognise_in_binary(bytes) {
+            return Err(match foreign::identify_foreign_binary(bytes) {
                 Some(foreign) => foreign.to_string(),
-                None => format!("it does not begin like a picture ({NAMES})"),
+                None => format!("it does not begin like a picture ({FORMAT_NAMES})"),
             });
         }
     };
@@ -49,46 +49,47 @@ fn format(bytes: &[u8]) -> Result<(ImageFormat, &'static str), String> {
     Ok((format, name))
 }
 
-/// The ending that the format of these bytes has in names of files, without a point.
-pub fn ending(bytes: &[u8]) -> Option<&'static str> {
-    let (found, _) = format(bytes).ok()?;
+/// Returns the usual file extension of the format of these bytes, without a dot; `None` if they are no image.
+pub fn detect_extension(bytes: &[u8]) -> Option<&'static str> {
+    let (found, _) = detect_format(bytes).ok()?;
     FORMATS.iter().find(|(format, ..)| *format == found).map(|(_, _, endings)| endings[0])
 }
 
-/// Decodes a picture of 1 to 8192 px on a side as it is. Refused if it would unpack to far more than its bytes.
-pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
-    let (format, name) = format(bytes)?;
-    let (size, pixel) = header_of(bytes, format, name)?;
-    unpack::check(size, pixel.bytes_per_pixel() as usize + 3, bytes.len())?;
+/// Decodes an image of 1 to 8192 px on a side with the pixels that it has. It is refused if it would unpack to far more
+/// than its bytes.
+pub fn decode_image(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let (format, name) = detect_format(bytes)?;
+    let (size, pixel) = read_header_as(bytes, format, name)?;
+    size_limits::check_image_bytes(size, pixel.bytes_per_pixel() as usize + 3, bytes.len())?;
     match format {
         ImageFormat::Png => png::decode(bytes),
-        _ => reader(bytes, format).decode().map_err(|error| said(&error, name)),
+        _ => create_reader(bytes, format).decode().map_err(|error| explain_image_error(&error, name)),
     }
 }
 
-/// Decodes a picture to 8-bit RGB.
+/// Decodes an image to 8-bit RGB.
 pub fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, String> {
-    decode(bytes).map(DynamicImage::into_rgb8)
+    decode_image(bytes).map(DynamicImage::into_rgb8)
 }
 
-/// Width, height and kind of pixel that a picture says it has.
-pub fn header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
-    let (format, name) = format(bytes)?;
-    header_of(bytes, format, name)
+/// Reads the width, height and kind of pixel from the header of an image.
+pub fn read_header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
+    let (format, name) = detect_format(bytes)?;
+    read_header_as(bytes, format, name)
 }
 
-fn header_of(bytes: &[u8], format: ImageFormat, name: &str) -> Result<([usize; 2], ColorType), String> {
+fn read_header_as(bytes: &[u8], format: ImageFormat, name: &str) -> Result<([usize; 2], ColorType), String> {
     if format == ImageFormat::Png {
-        return png::header(bytes);
+        return png::read_header(bytes);
     }
-    let decoder = reader(bytes, format).into_decoder().map_err(|error| said(&error, name))?;
+    let decoder = create_reader(bytes, format).into_decoder().map_err(|error| explain_image_error(&error, name))?;
     let (width, height) = decoder.dimensions();
     let size = [width as usize, height as usize];
-    sides(size)?;
+    check_image_size(size)?;
     Ok((size, decoder.color_type()))
 }
 
-fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
+fn create_reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
     let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MOST_PX as u32);
@@ -98,53 +99,56 @@ fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
     reader
 }
 
-/// Columns and rows of the picture in a file, and whether the file is complete as far as its ends tell. Its pixels are unpacked
-/// later.
-pub fn size_of_file(path: &Path) -> Result<[usize; 2], String> {
+/// Reads the columns and rows of an image file, and checks its end to see whether it is complete. Pixels are not
+/// unpacked.
+pub fn read_size_of_file(path: &Path) -> Result<[usize; 2], String> {
     let (mut file, length) = input::open(path).map_err(|error| error.to_string())?;
     let mut head = Vec::new();
-    (&mut file).take(HEAD as u64).read_to_end(&mut head).map_err(|error| error.to_string())?;
-    let (format, _) = format(&head)?;
+    (&mut file).take(HEAD_BYTES as u64).read_to_end(&mut head).map_err(|error| error.to_string())?;
+    let (format, _) = detect_format(&head)?;
     let mut tail = Vec::new();
     let ends = file
-        .seek(SeekFrom::Start(length.saturating_sub(TAIL)))
-        .and_then(|_| (&mut file).take(TAIL).read_to_end(&mut tail));
+        .seek(SeekFrom::Start(length.saturating_sub(TAIL_BYTES)))
+        .and_then(|_| (&mut file).take(TAIL_BYTES).read_to_end(&mut tail));
     ends.map_err(|error| error.to_string())?;
     match format {
-        ImageFormat::Png => png_size(&head, &tail),
-        // Where the size stands is not known beforehand.
-        _ => size_of_bytes(&input::read(path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string())?),
+        ImageFormat::Png => read_png_size(&head, &tail),
+        // The place of the size in the file is not known beforehand, so all of it is read.
+        _ => read_size_of_bytes(&input::read(path, input::MAX_IMAGE_BYTES).map_err(|error| error.to_string())?),
     }
 }
 
-/// The same of a picture in memory.
-pub fn size_of_bytes(bytes: &[u8]) -> Result<[usize; 2], String> {
-    let (format, name) = format(bytes)?;
-    let tail = &bytes[bytes.len().saturating_sub(TAIL as usize)..];
+/// Reads the columns and rows of an image in memory, and checks its end to see whether it is complete. Pixels are not
+/// unpacked.
+pub fn read_size_of_bytes(bytes: &[u8]) -> Result<[usize; 2], String> {
+    let (format, name) = detect_format(bytes)?;
+    let tail = &bytes[bytes.len().saturating_sub(TAIL_BYTES as usize)..];
     match format {
-        ImageFormat::Png => png_size(bytes, tail),
+        ImageFormat::Png => read_png_size(bytes, tail),
         ImageFormat::Jpeg if !tail.windows(2).any(|window| window == [0xff, 0xd9]) => {
             Err(String::from("it is cut off"))
         }
-        _ => header_of(bytes, format, name).map(|(size, _)| size),
+        _ => read_header_as(bytes, format, name).map(|(size, _)| size),
     }
 }
 
-/// The last chunk of a PNG is as long as 12 bytes, a JPEG's end marker 2; some programs put a few more behind it.
-const TAIL: u64 = 64;
+/// Bytes of the end of a file that are searched: the last chunk of a PNG has 12 bytes and a JPEG's end marker 2, and
+/// some programs put a few more behind it.
+const TAIL_BYTES: u64 = 64;
 
-fn png_size(head: &[u8], tail: &[u8]) -> Result<[usize; 2], String> {
+fn read_png_size(head: &[u8], tail: &[u8]) -> Result<[usize; 2], String> {
     if head.len() < 24 || !tail.windows(4).any(|window| window == b"IEND") {
         return Err(String::from("it is cut off"));
     }
+    // The header chunk comes first by the format: width at byte 16, height at byte 20.
     let number = |at: usize| u32::from_be_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize;
     let size = [number(16), number(20)];
-    sides(size)?;
+    check_image_size(size)?;
     Ok(size)
 }
 
-/// What an image library says, in a user's words.
-pub(super) fn said(error: &ImageError, name: &str) -> String {
+/// Says in a user's words what an image library reports.
+pub(super) fn explain_image_error(error: &ImageError, name: &str) -> String {
     let text = error.to_string();
     match error {
         _ if text.contains("CRC") || text.contains("checksum") || text.contains("Checksum") => {
@@ -158,7 +162,7 @@ pub(super) fn said(error: &ImageError, name: &str) -> String {
         _ if text.contains("end of file") || text.contains("unexpected EOF") || text.contains("Unexpected EOF") => {
             String::from("it is cut off")
         }
-        // Why is said in the library's own terms, which help nobody.
+        // The library gives the reason in its own terms, which help nobody.
         _ => format!("the {name} is damaged"),
     }
 }
@@ -178,20 +182,20 @@ mod tests {
     fn every_format_is_read_by_its_bytes() {
         for (format, name, endings) in FORMATS {
             let bytes = encoded(format);
-            assert_eq!(ending(&bytes), Some(endings[0]));
-            assert_eq!(header(&bytes).map(|(size, _)| size), Ok([24, 16]), "{name}");
-            assert_eq!(size_of_bytes(&bytes), Ok([24, 16]), "{name}");
+            assert_eq!(detect_extension(&bytes), Some(endings[0]));
+            assert_eq!(read_header(&bytes).map(|(size, _)| size), Ok([24, 16]), "{name}");
+            assert_eq!(read_size_of_bytes(&bytes), Ok([24, 16]), "{name}");
             let read = decode_rgb(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
             let [red, green, blue] = read.get_pixel(10, 8).0;
             assert!(
                 red.abs_diff(100) < 9 && green.abs_diff(120) < 9 && blue.abs_diff(90) < 9,
                 "{name}: {red} {green} {blue}"
             );
-            // Its name says another format.
+            // The name says another format.
             let folder = tempfile::tempdir().expect("a folder");
             let path = folder.path().join("picture.gif");
             std::fs::write(&path, &bytes).expect("a file");
-            assert_eq!(size_of_file(&path), Ok([24, 16]), "{name}");
+            assert_eq!(read_size_of_file(&path), Ok([24, 16]), "{name}");
         }
     }
 
@@ -200,7 +204,7 @@ mod tests {
         for (format, name, _) in FORMATS {
             let bytes = encoded(format);
             let cut = decode_rgb(&bytes[..bytes.len() / 2]);
-            // JPEG and TIFF of one strip show what is there; none may bring the program down.
+            // A JPEG or a TIFF of one strip that is cut off shows what is there; none may end the program.
             if let Err(reason) = cut {
                 assert!(!reason.contains(['{', '}']) && !reason.contains("Error"), "{name}: {reason}");
             }

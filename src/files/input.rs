@@ -1,7 +1,7 @@
-//! The one way in which files are opened to be read: only regular ones, and none larger than what belongs there may be.
+//! Opens files to be read. All files are opened here: only regular ones, and none larger than its kind may be.
 //!
-//! A device or a pipe would be read for ever or never; what grows while it is read is cut off at the same limit. A file
-//! that a user names may be a link to a regular one, a file of a dataset may not.
+//! A device or a pipe could be read for ever, or never give a byte. A file that grows while it is read is cut off at
+//! the same limit. A file that a user names may be a link to a regular one; a file of a dataset may not.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
@@ -12,56 +12,57 @@ use rustix::fs::OFlags;
 use rustix::io::Errno;
 
 use super::foreign;
-use super::spelling::nearest;
+use super::spelling::find_nearest_name;
 
 /// Largest image or array, bytes.
-pub const MOST_IMAGE_BYTES: u64 = 1 << 30;
+pub const MAX_IMAGE_BYTES: u64 = 1 << 30;
 /// Largest mesh, bytes.
-pub const MOST_MESH_BYTES: u64 = 4 << 30;
+pub const MAX_MESH_BYTES: u64 = 4 << 30;
 /// Largest file that describes a dataset or a shard, bytes.
-pub const MOST_METADATA_BYTES: u64 = 64 << 20;
+pub const MAX_METADATA_BYTES: u64 = 64 << 20;
 
-/// Opens a regular file, or one that a link leads to, and tells its length.
+/// Opens a regular file, or one that a link leads to, and returns its length in bytes, too.
 pub fn open(path: &Path) -> io::Result<(File, u64)> {
     open_with(path, OFlags::empty())
 }
 
-/// The same of a file inside a dataset: no link.
-pub fn open_inside(path: &Path) -> io::Result<(File, u64)> {
+/// Opens a regular file inside a dataset, where a link is refused, and returns its length in bytes, too.
+pub fn open_without_links(path: &Path) -> io::Result<(File, u64)> {
     open_with(path, OFlags::NOFOLLOW)
 }
 
 fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
-    // Without waiting for the other end, should it be a pipe.
+    // Opening a pipe would otherwise wait for its other end.
     let flags = (flags | OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
     let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
         Err(error) if error.raw_os_error() == Some(Errno::LOOP.raw_os_error()) => {
             return Err(io::Error::other("it is a symbolic link, or one of a circle of them"));
         }
-        // A socket.
+        // The path is a socket.
         Err(error) if error.raw_os_error() == Some(Errno::NXIO.raw_os_error()) => {
             return Err(io::Error::other("it is not a regular file"));
         }
         opened => opened?,
     };
-    let there = file.metadata()?;
-    if there.is_dir() {
+    let metadata = file.metadata()?;
+    if metadata.is_dir() {
         return Err(io::Error::other("it is a folder"));
     }
-    if !there.is_file() {
+    if !metadata.is_file() {
         return Err(io::Error::other("it is not a regular file"));
     }
-    Ok((file, there.len()))
+    Ok((file, metadata.len()))
 }
 
-/// The name of a file beside the place of one that is not there, which may have been meant: another case, an ending left out,
-/// a slip. Only of files that are `wanted`.
-pub fn meant(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Option<String> {
-    /// A folder with more is no place where a person overlooks a name.
-    const MOST: usize = 10_000;
+/// Suggests the name of a file that may have been meant by a missing one beside it: one with another case, with an
+/// extension, or with a slip of the keys. Only files for which `wanted` is true are suggested.
+pub fn suggest_file_name(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Option<String> {
+    /// In a folder with more entries a name is not searched for.
+    const MAX_ENTRIES: usize = 10_000;
     let name = missing.file_name()?.to_str()?;
     let folder = missing.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
-    let entries = folder.read_dir().ok()?.take(MOST).filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let entries =
+        folder.read_dir().ok()?.take(MAX_ENTRIES).filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     let mut names: Vec<String> = entries.filter(|name| wanted(Path::new(name))).collect();
     names.sort();
     let stem = |name: &str| Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -69,26 +70,26 @@ pub fn meant(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Option<String> {
     if let Some(alike) = alike.or_else(|| names.iter().find(|found| stem(found) == name)) {
         return Some(alike.clone());
     }
-    // Endings are long and alike.
+    // Names are compared without their extensions, which are long and alike.
     let stems: Vec<String> = names.iter().map(|found| stem(found)).collect();
-    let nearest = nearest(&stem(name), stems.iter().map(String::as_str))?;
+    let nearest = find_nearest_name(&stem(name), stems.iter().map(String::as_str))?;
     stems.iter().position(|stem| stem == nearest).map(|at| names[at].clone())
 }
 
-/// True of a regular file, or a link to one. What the system does not tell of counts as one, too: who reads it hears why,
-/// and it is not left out as if it were not there.
+/// Returns true for a regular file or a link to one. A path of which the system tells nothing counts as a file, too:
+/// reading it then reports why, and it is not silently left out.
 pub fn may_be_file(path: &Path) -> bool {
-    path.metadata().map_or_else(|error| !says_nothing_is_there(&error), |there| there.is_file())
+    path.metadata().map_or_else(|error| !is_not_found(&error), |metadata| metadata.is_file())
 }
 
-fn says_nothing_is_there(error: &io::Error) -> bool {
+fn is_not_found(error: &io::Error) -> bool {
     use io::ErrorKind::{InvalidFilename, NotADirectory, NotFound};
     matches!(error.kind(), NotFound | NotADirectory | InvalidFilename)
 }
 
-/// The files that match a pattern, sorted. Folders that may not be read are passed over, as a shell does; where another
-/// reason keeps one from being read, files would be wanting in silence.
-pub fn matching(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
+/// Returns the files that match a pattern, sorted. Folders that may not be read are passed over, as a shell does. Any
+/// other reason is an error, since files would be missing in silence.
+pub fn collect_matching_files(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
         match path {
@@ -102,38 +103,40 @@ pub fn matching(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// The bytes of the file at `path`; an error if it is not a regular file or holds more than `most` bytes.
+/// Reads the file at `path`. It is an error if it is not a regular file or holds more than `most` bytes.
 pub fn read(path: &Path, most: u64) -> io::Result<Vec<u8>> {
-    read_opened(open(path)?, most)
+    read_open_file(open(path)?, most)
 }
 
-/// The same of a file that need not be there; none, too, where something else is. An error is what the system denies: it
-/// may be there.
-pub fn read_if_there(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
+/// Reads the file at `path` if there is a regular one, else returns `None`. It is an error if the system denies access,
+/// since the file may be there, or if it holds more than `most` bytes.
+pub fn read_if_exists(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
     match read(path, most) {
-        Err(error) if error.raw_os_error().is_none() || says_nothing_is_there(&error) => Ok(None),
+        Err(error) if error.raw_os_error().is_none() || is_not_found(&error) => Ok(None),
         read => read.map(Some),
     }
 }
 
-/// The same of a file inside a dataset: no link.
-pub fn read_inside(path: &Path, most: u64) -> io::Result<Vec<u8>> {
-    read_opened(open_inside(path)?, most)
+/// Reads a file inside a dataset, where a link is refused. It is an error if it is not a regular file or holds more
+/// than `most` bytes.
+pub fn read_without_links(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    read_open_file(open_without_links(path)?, most)
 }
 
-/// The bytes of an open file whose length is known.
-pub fn read_opened((file, length): (File, u64), most: u64) -> io::Result<Vec<u8>> {
+/// Reads an open file of known length. It is an error if it holds more than `most` bytes.
+pub fn read_open_file((file, length): (File, u64), most: u64) -> io::Result<Vec<u8>> {
     let too_large = || io::Error::other(format!("it is larger than {} MB", most >> 20));
     if length > most {
         return Err(too_large());
     }
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(length as usize)?;
+    // One byte more than allowed, so that a file that has grown meanwhile is noticed.
     if file.take(most + 1).read_to_end(&mut bytes)? as u64 > most {
         return Err(too_large());
     }
-    // Whatever belongs there, it is none of these.
-    match foreign::placeholder(&bytes) {
+    // Whatever file belongs there, it is none of these.
+    match foreign::identify_placeholder(&bytes) {
         Some(foreign) => Err(io::Error::other(foreign)),
         None => Ok(bytes),
     }
@@ -165,18 +168,18 @@ mod tests {
         assert!(may_be_file(&path));
         for other in [folder.path(), &folder.path().join("none"), &path.join("in it"), &pipe] {
             assert!(!may_be_file(other), "{}", other.display());
-            assert!(read_if_there(other, 9).unwrap().is_none(), "{}", other.display());
+            assert!(read_if_exists(other, 9).unwrap().is_none(), "{}", other.display());
         }
-        // A link does for a user's file, not inside a dataset.
+        // A link is allowed for a user's file, but not inside a dataset.
         let link = folder.path().join("link");
         std::os::unix::fs::symlink(&path, &link).unwrap();
         assert_eq!(read(&link, 2).unwrap(), b"ab");
-        assert!(read_inside(&link, 2).unwrap_err().to_string().starts_with("it is a symbolic link"));
-        assert_eq!(read_inside(&path, 2).unwrap(), b"ab");
+        assert!(read_without_links(&link, 2).unwrap_err().to_string().starts_with("it is a symbolic link"));
+        assert_eq!(read_without_links(&path, 2).unwrap(), b"ab");
         for strange in [&pipe, &socket] {
             let link = folder.path().join("to");
             std::os::unix::fs::symlink(strange, &link).unwrap();
-            assert!(read(&link, 9).is_err() && read_inside(&link, 9).is_err());
+            assert!(read(&link, 9).is_err() && read_without_links(&link, 9).is_err());
             fs::remove_file(link).unwrap();
         }
     }

@@ -1,4 +1,4 @@
-//! Units of length of mesh files.
+//! The units of length in which the coordinates of a mesh file may be.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,10 +19,10 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// All of them.
+    /// All units.
     pub const ALL: [Self; 4] = [Self::Mm, Self::Cm, Self::M, Self::In];
 
-    /// As it is written in jobs.
+    /// Returns the name of the unit in a job.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mm => "mm",
@@ -32,8 +32,8 @@ impl Unit {
         }
     }
 
-    /// Millimetres per unit.
-    pub fn mm(self) -> f64 {
+    /// Returns the millimetres per unit.
+    pub fn mm_per_unit(self) -> f64 {
         match self {
             Self::Mm => 1.0,
             Self::Cm => 10.0,
@@ -42,34 +42,35 @@ impl Unit {
         }
     }
 
-    /// The unit of so many millimetres, if there is one.
-    pub fn of_mm(mm: f64) -> Option<Self> {
-        Self::ALL.into_iter().find(|unit| unit.mm() == mm)
+    /// Returns the unit that has this many millimetres, if there is one.
+    pub fn from_mm(mm: f64) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.mm_per_unit() == mm)
     }
 
-    /// The unit that a mesh's coordinates look like, where it is another than they were taken for, and the length of the
-    /// mesh in it: `largest_mm` is the one with `mm_per_unit`, to be seen by a sensor with this field of view.
-    pub fn likely(mm_per_unit: f64, largest_mm: f64, field_of_view_mm: [f64; 2]) -> Option<(Self, f64)> {
-        if is_plausible(largest_mm, field_of_view_mm) {
+    /// Guesses the unit of a mesh whose size is not plausible for a sensor with this field of view. `largest_mm` is its
+    /// largest extent as read with `mm_per_unit`. Returns the unit and the extent in millimetres with it; `None` if the
+    /// size is plausible, or is so in no unit.
+    pub fn guess_from_size(mm_per_unit: f64, largest_mm: f64, field_of_view_mm: [f64; 2]) -> Option<(Self, f64)> {
+        if is_plausible_length(largest_mm, field_of_view_mm) {
             return None;
         }
-        // Metres are what a file is most often in if not in millimetres.
+        // If a file is not in millimetres, it is most often in metres.
         let order = [Self::Mm, Self::M, Self::In, Self::Cm];
-        let read = order.map(|unit| (unit, largest_mm / mm_per_unit * unit.mm()));
-        read.into_iter().find(|(_, mm)| is_plausible(*mm, field_of_view_mm))
+        let read = order.map(|unit| (unit, largest_mm / mm_per_unit * unit.mm_per_unit()));
+        read.into_iter().find(|(_, mm)| is_plausible_length(*mm, field_of_view_mm))
     }
 
-    /// What a coordinate of 1 was taken for, as it is written in jobs, behind "under".
+    /// Formats the unit by which coordinates were read, as a job writes it, to stand after "under".
     #[cfg(feature = "formats")]
-    pub fn written(mm_per_unit: f64) -> String {
-        match Self::of_mm(mm_per_unit) {
+    pub fn format_as_written(mm_per_unit: f64) -> String {
+        match Self::from_mm(mm_per_unit) {
             Some(unit) => format!("unit = \"{}\"", unit.name()),
-            None => format!("a unit of {} mm", crate::figures::figure(mm_per_unit)),
+            None => format!("a unit of {} mm", crate::number_format::format_number(mm_per_unit)),
         }
     }
 
-    /// The same in words, behind a length.
-    pub fn in_words(self) -> &'static str {
+    /// Returns the name of the unit in words, to stand after a number.
+    pub fn plural_name(self) -> &'static str {
         match self {
             Self::Mm => "millimetres",
             Self::Cm => "centimetres",
@@ -79,7 +80,7 @@ impl Unit {
     }
 }
 
-/// True if a mesh of this length is one that a sensor with this field of view would be pressed with.
-pub fn is_plausible(largest_mm: f64, [width, height]: [f64; 2]) -> bool {
+/// Returns true if a mesh of this length is one that would be pressed onto a sensor with this field of view.
+pub fn is_plausible_length(largest_mm: f64, [width, height]: [f64; 2]) -> bool {
     (width.min(height) / 10.0..=width.max(height) * 20.0).contains(&largest_mm)
 }

@@ -1,4 +1,4 @@
-//! Formats and the disk.
+//! File formats and access to the disk.
 
 #[cfg_attr(not(feature = "formats"), allow(dead_code, unused_imports, reason = "PNG alone takes a part of it"))]
 mod deflate;
@@ -10,13 +10,13 @@ pub mod spelling;
 #[cfg(feature = "formats")]
 pub mod calibration;
 #[cfg(feature = "formats")]
+pub mod csv_table;
+#[cfg(feature = "formats")]
 pub mod diagnostic;
 #[cfg(feature = "formats")]
 pub mod exr;
 #[cfg(feature = "formats")]
 pub mod fail_point;
-#[cfg(feature = "formats")]
-pub mod figures;
 #[cfg(feature = "formats")]
 pub mod foreign;
 #[cfg(feature = "formats")]
@@ -34,13 +34,13 @@ pub mod npy;
 #[cfg(feature = "formats")]
 pub mod npz;
 #[cfg(feature = "formats")]
-pub mod rows;
+pub mod number_format;
+#[cfg(feature = "formats")]
+pub mod size_limits;
 #[cfg(feature = "formats")]
 pub mod source;
 #[cfg(feature = "formats")]
 pub mod store;
-#[cfg(feature = "formats")]
-pub mod unpack;
 #[cfg(feature = "formats")]
 pub mod write;
 #[cfg(feature = "formats")]

@@ -1,79 +1,80 @@
-//! Arrays of numbers in NumPy's file format (NEP 1: npy 1.0 to 3.0).
+//! Reads and writes arrays of numbers in NumPy's file format (NEP 1: npy 1.0 to 3.0).
 //!
-//! Written are planes of float32 and images. The reader is our own: `npyz` multiplies the sizes that a header claims without
-//! checking, and takes as much memory as it says the header has. Taken are float16, float32, float64 and integers, in
-//! either byte order, in C or Fortran order.
+//! Planes of float32 and images are written. The reader takes float16, float32, float64 and integers, in either byte
+//! order, in C or Fortran order. It is our own, since `npyz` multiplies the sizes that a header claims without a check,
+//! and takes as much memory as the header says it has.
 
 use gelsim_core::base::grid::Grid;
 
 mod header;
 
-use header::{HEIGHTS, Header, Kind, NUMBERS, split, unknown};
+use header::{HEIGHT_TYPES, Header, NUMBER_TYPES, NumberKind, explain_unknown_type, split_header};
 
-/// What a file of two dimensions holds.
+/// The content of a file of heights, which has two dimensions.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Array {
-    /// Its values, first axis down, second axis to the right. Never empty; NaN and infinities stay what they are.
+pub struct HeightArray {
+    /// The values, first axis down, second axis to the right. Never empty. NaN and infinities are kept.
     pub values: Grid<f32>,
-    /// The largest value that the integer type of the file can hold; `None` for floats.
-    pub most: Option<f32>,
+    /// The largest value of the file's integer type; `None` for floats.
+    pub max_value: Option<f32>,
 }
 
-/// What a file of any shape holds.
+/// The content of a file of any shape.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Numbers {
-    /// Sizes of its axes; none for a single number.
+pub struct NumberArray {
+    /// Sizes of the axes; empty for a single number.
     pub shape: Vec<usize>,
-    /// Its values, last axis fastest; NaN and infinities stay what they are, integers beyond 2^53 are rounded.
+    /// The values, last axis fastest. NaN and infinities are kept; integers beyond 2^53 are rounded.
     pub values: Vec<f64>,
 }
 
-/// Width and height of an array of rows and columns; a first or last axis of size 1 is none.
-pub fn plane(shape: &[usize]) -> Option<[usize; 2]> {
+/// Returns width and height of an array of rows and columns. A first or last axis of size 1 is ignored. Returns `None`
+/// for any other shape.
+pub fn plane_size(shape: &[usize]) -> Option<[usize; 2]> {
     match *shape {
         [height, width] | [height, width, 1] | [1, height, width] => Some([width, height]),
         _ => None,
     }
 }
 
-/// Reads a file of rows and columns whose values are not signed integers. On failure, what is wrong with it.
-pub fn decode(bytes: &[u8]) -> Result<Array, String> {
-    let (header, data) = split(bytes, HEIGHTS)?;
-    let Some([width, height]) = plane(&header.shape) else {
+/// Reads a file of rows and columns whose values are not signed integers. The error says what is wrong with it.
+pub fn decode_height_array(bytes: &[u8]) -> Result<HeightArray, String> {
+    let (header, data) = split_header(bytes, HEIGHT_TYPES)?;
+    let Some([width, height]) = plane_size(&header.shape) else {
         let shape = &header.shape;
         return Err(format!("its array is of shape {shape:?}, and one of rows and columns is wanted: save that alone"));
     };
-    if header.number.kind == Kind::Signed {
-        return Err(unknown(header.name, HEIGHTS));
+    if header.number.kind == NumberKind::Signed {
+        return Err(explain_unknown_type(header.type_name, HEIGHT_TYPES));
     }
-    let data = header.values(data, |value| value as f32)?;
+    let data = header.read_values(data, |value| value as f32)?;
     if data.is_empty() {
         return Err(String::from("it has no value"));
     }
-    Ok(Array { values: Grid { width, height, data }, most: header.number.most() })
+    Ok(HeightArray { values: Grid { width, height, data }, max_value: header.number.max_value() })
 }
 
-/// Reads a file. On failure, what is wrong with it.
-pub fn decode_numbers(bytes: &[u8]) -> Result<Numbers, String> {
-    let (header, data) = split(bytes, NUMBERS)?;
-    if header.number.kind == Kind::Truth {
-        return Err(unknown(header.name, NUMBERS));
+/// Reads a file of any shape. The error says what is wrong with it.
+pub fn decode_numbers(bytes: &[u8]) -> Result<NumberArray, String> {
+    let (header, data) = split_header(bytes, NUMBER_TYPES)?;
+    if header.number.kind == NumberKind::Bool {
+        return Err(explain_unknown_type(header.type_name, NUMBER_TYPES));
     }
-    let values = header.values(data, |value| value)?;
-    Ok(Numbers { shape: header.shape, values })
+    let values = header.read_values(data, |value| value)?;
+    Ok(NumberArray { shape: header.shape, values })
 }
 
-/// Shape and bytes of the data that a file's beginning, up to the end of its header, announces.
-pub fn announced(beginning: &[u8]) -> Result<(Vec<usize>, usize), String> {
-    let (header, _) = split(beginning, NUMBERS)?;
-    let bytes = header.bytes().ok_or("its array is too large")?;
+/// Reads, from the beginning of a file up to the end of its header, the shape of its data and their number of bytes.
+pub fn read_announced_shape(beginning: &[u8]) -> Result<(Vec<usize>, usize), String> {
+    let (header, _) = split_header(beginning, NUMBER_TYPES)?;
+    let bytes = header.data_bytes().ok_or("its array is too large")?;
     Ok((header.shape, bytes))
 }
 
-/// Writes rows and columns of float32, version 1.0, little endian, in C order; several planes are a third axis.
+/// Encodes rows and columns of float32, version 1.0, little endian, in C order. Several planes become a third axis.
 pub fn encode(width: usize, height: usize, planes: &[&[f32]]) -> Vec<u8> {
     let channels = if planes.len() == 1 { String::new() } else { format!(", {}", planes.len()) };
-    let mut bytes = beginning("<f4", &format!("{height}, {width}{channels}"), 4 * width * height * planes.len());
+    let mut bytes = build_header("<f4", &format!("{height}, {width}{channels}"), 4 * width * height * planes.len());
     match planes {
         [plane] => plane.iter().for_each(|value| bytes.extend(value.to_le_bytes())),
         planes => {
@@ -85,18 +86,19 @@ pub fn encode(width: usize, height: usize, planes: &[&[f32]]) -> Vec<u8> {
     bytes
 }
 
-/// Writes rows and columns of 8-bit RGB as an array of uint8 of shape (H, W, 3). Up to 8192 px on a side it begins at byte
-/// 128.
+/// Encodes rows and columns of 8-bit RGB as an array of uint8 of shape (H, W, 3). Up to 8192 px on a side the data
+/// begin at byte 128.
 pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
-    let mut bytes = beginning("|u1", &format!("{height}, {width}, 3"), rgb.len());
+    let mut bytes = build_header("|u1", &format!("{height}, {width}, 3"), rgb.len());
     bytes.extend(rgb);
     bytes
 }
 
-/// All that stands before the data, version 1.0, in C order, with room for so many bytes of data after it.
-fn beginning(name: &str, shape: &str, room: usize) -> Vec<u8> {
+/// Builds all that stands before the data, version 1.0, in C order. Reserves room for `room` bytes of data behind it.
+fn build_header(name: &str, shape: &str, room: usize) -> Vec<u8> {
     /// NumPy begins the data at a multiple of this.
     const ALIGNED: usize = 64;
+    /// Offset of the header's length: behind the magic bytes and the version.
     const LENGTH_AT: usize = 8;
     let text = format!("{{'descr': '{name}', 'fortran_order': False, 'shape': ({shape}), }}");
     let start = (LENGTH_AT + 2 + text.len() + 1).next_multiple_of(ALIGNED);
@@ -111,7 +113,7 @@ fn beginning(name: &str, shape: &str, room: usize) -> Vec<u8> {
 
 /// Refuses a file whose values are not float32, little endian, in C order.
 pub fn check_float32(bytes: &[u8]) -> Result<(), String> {
-    let (Header { name, is_fortran, .. }, _) = split(bytes, NUMBERS)?;
+    let (Header { type_name: name, is_fortran, .. }, _) = split_header(bytes, NUMBER_TYPES)?;
     match (name, is_fortran) {
         ("<f4", false) => Ok(()),
         _ => Err(format!(
@@ -141,7 +143,7 @@ mod tests {
     }
 
     fn failure(header: &str, data: &[u8]) -> String {
-        decode(&file(header, data)).unwrap_err()
+        decode_height_array(&file(header, data)).unwrap_err()
     }
 
     /// As `numpy.save` writes `numpy.array([[0, 1, 2], [3, 4, 5]])`.
@@ -166,7 +168,7 @@ mod tests {
                 let big: Vec<Vec<u8>> = little.iter().map(|value| value.iter().rev().copied().collect()).collect();
                 for (mark, values) in [("<", &little), (">", &big)] {
                     let bytes = file(&header(&format!("{mark}{name}"), order, "(2, 3)"), &values.concat());
-                    assert_eq!(decode(&bytes).unwrap().values, expected, "{mark}{name} {order}");
+                    assert_eq!(decode_height_array(&bytes).unwrap().values, expected, "{mark}{name} {order}");
                 }
             }
         }
@@ -180,7 +182,7 @@ mod tests {
         let expected = "\u{1}\0v\0{'descr': '<f4', 'fortran_order': False, 'shape': (36, 48), }";
         assert_eq!(&bytes[..6], b"\x93NUMPY");
         assert_eq!(bytes[6..128], format!("{expected:<121}\n").into_bytes());
-        assert_eq!(decode(&bytes).unwrap().values.data, plane);
+        assert_eq!(decode_height_array(&bytes).unwrap().values.data, plane);
         let three = encode(48, 36, &[&plane, &plane, &plane]);
         assert_eq!(decode_numbers(&three).unwrap().shape, [36, 48, 3]);
         // Wherever the text ends, the data begins at a multiple of 64.
@@ -192,22 +194,22 @@ mod tests {
     #[test]
     fn integers_come_with_the_most_that_their_type_holds() {
         let of = |descr: &str, size: usize| {
-            let array = decode(&file(&header(descr, "False", "(1, 1)"), &vec![0xff; size])).unwrap();
-            assert_eq!(array.most, array.most.map(|_| array.values.data[0]));
-            array.most
+            let array = decode_height_array(&file(&header(descr, "False", "(1, 1)"), &vec![0xff; size])).unwrap();
+            assert_eq!(array.max_value, array.max_value.map(|_| array.values.data[0]));
+            array.max_value
         };
         assert_eq!(of("|u1", 1), Some(255.0));
         assert_eq!(of("<u2", 2), Some(65535.0));
         assert_eq!(of(">u8", 8), Some(u64::MAX as f32));
-        assert!(decode(&file(&header("<f8", "False", "(1, 1)"), &[0; 8])).unwrap().most.is_none());
+        assert!(decode_height_array(&file(&header("<f8", "False", "(1, 1)"), &[0; 8])).unwrap().max_value.is_none());
     }
 
     /// As `numpy.save` writes `numpy.array([[True, False]])`.
     #[test]
     fn truths_are_heights_and_no_numbers() {
         let bytes = file(&header("|b1", "False", "(1, 2)"), &[1, 0]);
-        let array = decode(&bytes).unwrap();
-        assert_eq!((array.values.data, array.most), (vec![1.0, 0.0], Some(1.0)));
+        let array = decode_height_array(&bytes).unwrap();
+        assert_eq!((array.values.data, array.max_value), (vec![1.0, 0.0], Some(1.0)));
         let said = decode_numbers(&bytes).unwrap_err();
         assert!(said.contains("`|b1`; allowed: float16") && said.contains("int8 to int64"), "{said}");
         assert!(!failure(&header("<i4", "False", "(1, 1)"), &[0; 4]).contains("int8 to"), "which is then refused");
@@ -216,7 +218,7 @@ mod tests {
     #[test]
     fn an_axis_of_one_before_or_behind_rows_and_columns_is_none() {
         for shape in ["(2, 3)", "(1, 2, 3)", "(2, 3, 1)"] {
-            let read = decode(&file(&header("|u1", "False", shape), &[0, 1, 2, 3, 4, 5])).unwrap().values;
+            let read = decode_height_array(&file(&header("|u1", "False", shape), &[0, 1, 2, 3, 4, 5])).unwrap().values;
             assert_eq!((read.width, read.height, read.data[4]), (3, 2, 4.0), "{shape}");
         }
     }
@@ -226,7 +228,7 @@ mod tests {
     fn an_array_of_any_shape_is_read_with_its_last_axis_fastest_and_with_signs() {
         let counted: Vec<i8> = (-4..8).collect();
         let fortran = [-4_i8, 2, -2, 4, 0, 6, -3, 3, -1, 5, 1, 7];
-        let expected = Numbers { shape: vec![2, 3, 2], values: counted.iter().map(|v| f64::from(*v)).collect() };
+        let expected = NumberArray { shape: vec![2, 3, 2], values: counted.iter().map(|v| f64::from(*v)).collect() };
         for (order, values) in [("False", counted.as_slice()), ("True", &fortran)] {
             let little = |size: usize| -> Vec<u8> {
                 values.iter().flat_map(|v| i64::from(*v).to_le_bytes().into_iter().take(size)).collect()
@@ -239,9 +241,9 @@ mod tests {
             assert_eq!(decode_numbers(&file(&header(">f8", order, "(2, 3, 2)"), &big)).as_ref(), Ok(&expected));
         }
         let single = decode_numbers(&file(&header("<i8", "True", "()"), &125_i64.to_le_bytes()));
-        assert_eq!(single, Ok(Numbers { shape: vec![], values: vec![125.0] }));
+        assert_eq!(single, Ok(NumberArray { shape: vec![], values: vec![125.0] }));
         let none = decode_numbers(&file(&header("<f4", "True", "(3, 0, 2)"), &[]));
-        assert_eq!(none, Ok(Numbers { shape: vec![3, 0, 2], values: vec![] }));
+        assert_eq!(none, Ok(NumberArray { shape: vec![3, 0, 2], values: vec![] }));
     }
 
     #[test]
@@ -252,10 +254,10 @@ mod tests {
             bytes.extend((text.len() as u32).to_le_bytes());
             bytes.extend(text.as_bytes());
             bytes.push(7);
-            assert_eq!(decode(&bytes).unwrap().values.data, [7.0]);
+            assert_eq!(decode_height_array(&bytes).unwrap().values.data, [7.0]);
             // A header of 4 GB that is not there.
             bytes[8..12].fill(0xff);
-            assert_eq!(decode(&bytes), Err(String::from("not an npy file")));
+            assert_eq!(decode_height_array(&bytes), Err(String::from("not an npy file")));
         }
     }
 
@@ -284,7 +286,7 @@ mod tests {
         assert!(failure(records, &[0; 4]).contains("records"));
         assert!(failure("{'descr': '<f4'}", &[]).contains("lacks"));
         assert!(failure(&"(".repeat(60_000), &[]).contains("lacks a `{`"));
-        assert!(decode(b"\x93NUMPY\x09\x00").is_err());
-        assert!(decode(b"").is_err());
+        assert!(decode_height_array(b"\x93NUMPY\x09\x00").is_err());
+        assert!(decode_height_array(b"").is_err());
     }
 }

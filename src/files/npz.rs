@@ -1,33 +1,33 @@
-//! Named arrays in NumPy's archives: a ZIP file of npy files. Pickled objects are not numbers and are refused.
+//! Reads named arrays from NumPy's archives, which are ZIP files of npy files. Pickled objects are refused.
 
 use std::path::Path;
 
-use super::npy::{self, Numbers};
-use super::zip::Zip;
-use crate::input::{self, MOST_IMAGE_BYTES};
+use super::npy::{self, NumberArray};
+use super::zip::ZipArchive;
+use crate::input::{self, MAX_IMAGE_BYTES};
 
 /// An archive of arrays.
-pub struct Npz(Zip);
+pub struct Npz(ZipArchive);
 
 impl Npz {
-    /// Reads a file of up to 1 GB. On failure, what is wrong with it.
+    /// Reads a file of up to 1 GB. The error says what is wrong with it.
     pub fn read(path: &Path) -> Result<Self, String> {
-        Self::open(input::read(path, MOST_IMAGE_BYTES).map_err(|error| error.to_string())?)
+        Self::open(input::read(path, MAX_IMAGE_BYTES).map_err(|error| error.to_string())?)
     }
 
-    /// Takes the bytes of an archive, and reads its directory but no array yet.
+    /// Opens the bytes of an archive. Reads its directory, but no array yet.
     pub fn open(bytes: Vec<u8>) -> Result<Self, String> {
-        Zip::open(bytes).map(Self)
+        ZipArchive::open(bytes).map(Self)
     }
 
-    /// The arrays' names, in the order of the directory.
+    /// Iterates over the names of the arrays, in the order of the directory.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.0.names().map(|name| name.strip_suffix(".npy").unwrap_or(name))
     }
 
-    /// The array that is meant where nobody says which: the only one, or the one with such a name, in any case. On failure,
-    /// which there are.
-    pub fn meant(&self, usual: &[&str]) -> Result<&str, String> {
+    /// Returns the array to be used if the user names none: the only one, or one with a name in `usual`, in any case.
+    /// The error lists the arrays.
+    pub fn find_default_array(&self, usual: &[&str]) -> Result<&str, String> {
         let names: Vec<&str> = self.names().collect();
         let known = |name: &&&str| usual.iter().any(|usual| name.eq_ignore_ascii_case(usual));
         match (names.as_slice(), names.iter().find(known)) {
@@ -47,18 +47,19 @@ impl Npz {
         }
     }
 
-    /// Unpacks the npy file that one array is, at most 8 bytes of memory for each of its bytes. On failure, what is wrong.
-    pub fn file(&self, name: &str) -> Result<Vec<u8>, String> {
+    /// Unpacks the npy file of one array. Reading it takes up to 8 bytes of memory for each of its bytes, which is
+    /// checked against the limits. The error says what is wrong.
+    pub fn unpack_file(&self, name: &str) -> Result<Vec<u8>, String> {
         let member = self.0.names().find(|member| member.strip_suffix(".npy").unwrap_or(member) == name);
-        let Some(bytes) = member.and_then(|member| self.0.member(member, 8)) else {
+        let Some(bytes) = member.and_then(|member| self.0.unpack_member(member, 8)) else {
             let names: Vec<String> = self.names().take(20).map(|name| format!("`{}`", name.escape_debug())).collect();
             return Err(format!("it has no array `{}`, but {}", name.escape_debug(), names.join(", ")));
         };
         bytes.map_err(|reason| format!("array `{name}`: {reason}"))
     }
 
-    /// Unpacks and reads one array. On failure, what is wrong, with the array's name in it.
-    pub fn array(&self, name: &str) -> Result<Numbers, String> {
-        npy::decode_numbers(&self.file(name)?).map_err(|reason| format!("array `{name}`: {reason}"))
+    /// Unpacks and reads one array. The error says what is wrong, with the array's name.
+    pub fn read_array(&self, name: &str) -> Result<NumberArray, String> {
+        npy::decode_numbers(&self.unpack_file(name)?).map_err(|reason| format!("array `{name}`: {reason}"))
     }
 }

@@ -2,24 +2,24 @@
 
 use std::path::PathBuf;
 
-/// One text that was read.
+/// A text that was read.
 #[derive(Clone, Debug)]
-pub struct Source {
-    /// What messages call it: the path as the user gave it, or the command-line flag.
+pub struct SourceText {
+    /// The name in messages: the path as the user gave it, or the command-line flag.
     pub name: String,
     /// The text itself.
     pub text: String,
-    /// Folder that relative paths in this text start from.
+    /// The folder that relative paths in this text start from.
     pub folder: PathBuf,
 }
 
-/// A range of bytes in one source.
+/// A range of bytes in a source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Place {
-    /// Which of the sources that were read, counted from 0.
+pub struct SourceSpan {
+    /// Index of the source among those that were read.
     pub source: usize,
-    /// First byte.
+    /// Offset of the first byte.
     pub start: usize,
-    /// One past the last byte.
+    /// Offset one past the last byte.
     pub end: usize,
 }

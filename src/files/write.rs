@@ -1,4 +1,4 @@
-//! Files that are on disk whole or not at all: written beside their place, brought to disk, renamed.
+//! Writes files that are either complete or absent: each is written beside its place, brought to disk, and renamed.
 
 use crate::fail_point::Step;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -10,56 +10,60 @@ use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
 use rustix::process::{Pid, test_kill_process};
 
-/// Makes a new file in place of what a killed run may have left there. Never opens what is there: it may be a link.
-pub fn create_anew(path: &Path) -> io::Result<File> {
+/// Creates a new file in place of what a killed run may have left there. It never opens what is there, since that may
+/// be a link.
+pub fn recreate_file(path: &Path) -> io::Result<File> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => OpenOptions::new().read(true).write(true).create_new(true).open(path),
     }
 }
 
-/// True if `path` itself, links not followed, is the open file.
-pub fn same_file(file: &File, path: &Path) -> bool {
+/// Returns true if `path` itself, without following links, is the open file.
+pub fn is_same_file(file: &File, path: &Path) -> bool {
     match (file.metadata(), fs::symlink_metadata(path)) {
         (Ok(open), Ok(named)) => open.dev() == named.dev() && open.ino() == named.ino(),
         _ => false,
     }
 }
 
-/// Writes a file that a user asked for by its name: whole or not at all. What killed runs left of it goes.
+/// Writes a file that a user asked for by name: it is complete or absent afterwards. What killed runs left of it is
+/// removed.
 pub fn write_output(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    sweep_beside(path)?;
-    write_whole(path, bytes)
+    remove_partials_beside(path)?;
+    write_atomically(path, bytes)
 }
 
-/// Writes a file so that it is there whole or not at all.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    replace(path, bytes, File::sync_all)?;
+/// Writes a file, and replaces what is there, so that at every instant the old or the new one is there, complete.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    replace_file(path, bytes, File::sync_all)?;
     sync_folder(path)
 }
 
-/// The same where nothing may be: what is there stays, and the error says so.
+/// Writes a file where nothing may be, so that it is complete or absent. If something is there, it stays, and that is
+/// the error.
 pub fn write_new(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    sweep_beside(path)?;
-    write_beside(path, bytes, File::sync_all, rename_new)?;
+    remove_partials_beside(path)?;
+    write_beside(path, bytes, File::sync_all, rename_without_replacing)?;
     sync_folder(path)
 }
 
-/// The same without bringing it to disk, for one of many files; see [`sync_all_in`].
-pub fn write_one_of_many(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    replace(path, bytes, |_| Ok(()))
+/// Writes a file as [`write_atomically`] does, but without bringing it to disk; for many files, see [`sync_all_in`].
+pub fn write_without_sync(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    replace_file(path, bytes, |_| Ok(()))
 }
 
-fn replace(path: &Path, bytes: &[u8], sync: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
+fn replace_file(path: &Path, bytes: &[u8], sync: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
     write_beside(path, bytes, sync, |partial, path| fs::rename(partial, path))
 }
 
 /// Renames a file to a name that nothing has.
-fn rename_new(partial: &Path, path: &Path) -> io::Result<()> {
+fn rename_without_replacing(partial: &Path, path: &Path) -> io::Result<()> {
     #[cfg(target_os = "linux")]
     {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         match renameat_with(CWD, partial, CWD, path, RenameFlags::NOREPLACE) {
+            // These errors say that the file system cannot do it: fall through to a check and a rename.
             Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP) => {}
             renamed => return Ok(renamed?),
         }
@@ -70,52 +74,53 @@ fn rename_new(partial: &Path, path: &Path) -> io::Result<()> {
     }
 }
 
-/// Writes a file beside its place, and has it `put` there.
+/// Writes a file beside its place and moves it there with `put`.
 fn write_beside(
     path: &Path,
     bytes: &[u8],
     sync: impl FnOnce(&File) -> io::Result<()>,
     put: impl FnOnce(&Path, &Path) -> io::Result<()>,
 ) -> io::Result<()> {
-    let partial = partial_beside(path);
-    let written = create_anew(&partial).and_then(|mut file| {
-        hold(&file);
-        Step::FileBegun.reached(path);
+    let partial = partial_path_beside(path);
+    let written = recreate_file(&partial).and_then(|mut file| {
+        lock_while_open(&file);
+        Step::FileBegun.pause_if_requested(path);
         file.write_all(bytes)?;
         sync(&file)?;
-        Step::FileWritten.reached(path);
+        Step::FileWritten.pause_if_requested(path);
         Ok(())
     });
     if let Err(error) = written.and_then(|()| put(&partial, path)) {
         let _ = fs::remove_file(&partial);
         return Err(error);
     }
-    Step::FileRenamed.reached(path);
+    Step::FileRenamed.pause_if_requested(path);
     Ok(())
 }
 
-/// Writes a folder so that it is there whole or not at all, in place of what is there: files by name, none in folders of its
-/// own. Who calls this has made sure that what is there may go. On failure the path that it is about.
-pub fn write_folder_whole(
+/// Writes a folder, and replaces what is there, so that it is complete or absent. `files` gives names and contents;
+/// there are no subfolders. The caller makes sure that what is there may be removed. The error names the path that it
+/// is about.
+pub fn write_folder_atomically(
     root: &Path,
     mut files: impl Iterator<Item = (String, Vec<u8>)>,
 ) -> Result<(), (PathBuf, io::Error)> {
-    let partial = partial_beside(root);
-    sweep_beside(root).and_then(|()| remove_any(&partial)).map_err(|error| (root.to_owned(), error))?;
+    let partial = partial_path_beside(root);
+    remove_partials_beside(root).and_then(|()| remove_any(&partial)).map_err(|error| (root.to_owned(), error))?;
     let mut write = || {
         let at = |error| (partial.clone(), error);
         fs::create_dir_all(&partial).map_err(at)?;
         let folder = File::open(&partial).map_err(at)?;
-        hold(&folder);
+        lock_while_open(&folder);
         files.try_for_each(|(name, bytes)| {
             let path = partial.join(name);
-            create_anew(&path).and_then(|mut file| file.write_all(&bytes)).map_err(|error| (path, error))
+            recreate_file(&path).and_then(|mut file| file.write_all(&bytes)).map_err(|error| (path, error))
         })?;
         sync_all_in(&folder).map_err(at)
     };
     let put = || {
-        put_folder(&partial, root)?;
-        absent_is_fine(fs::remove_dir_all(&partial))?;
+        swap_folder(&partial, root)?;
+        ignore_not_found(fs::remove_dir_all(&partial))?;
         sync_folder(root)
     };
     let written = write().and_then(|()| put().map_err(|error| (root.to_owned(), error)));
@@ -125,22 +130,23 @@ pub fn write_folder_whole(
     written
 }
 
-/// Gives a folder the name `root`. What is there has the name `partial` then; at every instant one of the two has the name.
-/// Where the file system cannot exchange them, what is there is `root`.replaced meanwhile.
-pub fn put_folder(partial: &Path, root: &Path) -> io::Result<()> {
+/// Gives the folder `partial` the name `root`. What has that name gets the name `partial`; at every instant one of the
+/// two has the name. If the file system cannot exchange them, the old one is called `root`.replaced for a moment.
+pub fn swap_folder(partial: &Path, root: &Path) -> io::Result<()> {
     #[cfg(target_os = "linux")]
     {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         match renameat_with(CWD, partial, CWD, root, RenameFlags::EXCHANGE) {
+            // There is no `root` yet, or the file system cannot exchange names: rename instead.
             Err(Errno::NOENT) if partial.exists() && root.symlink_metadata().is_err() => {}
             Err(Errno::INVAL | Errno::NOSYS | Errno::OPNOTSUPP) => {}
             exchanged => return Ok(exchanged?),
         }
     }
-    put_folder_by_renames(partial, root)
+    swap_folder_by_renames(partial, root)
 }
 
-fn put_folder_by_renames(partial: &Path, root: &Path) -> io::Result<()> {
+fn swap_folder_by_renames(partial: &Path, root: &Path) -> io::Result<()> {
     let mut aside = root.as_os_str().to_owned();
     aside.push(".replaced");
     let aside = PathBuf::from(aside);
@@ -157,21 +163,22 @@ fn put_folder_by_renames(partial: &Path, root: &Path) -> io::Result<()> {
     fs::rename(&aside, partial)
 }
 
-/// The name beside `path` under which this process writes what will be there.
-fn partial_beside(path: &Path) -> PathBuf {
+/// Returns the name beside `path` under which this process writes the file.
+fn partial_path_beside(path: &Path) -> PathBuf {
     let name = path.file_name().map_or(String::from("file"), |name| name.to_string_lossy().into_owned());
     path.with_file_name(format!(".{name}.{}.partial", std::process::id()))
 }
 
-/// Removes what processes that were killed left in `folder` when they were to write files, or folders, with these names.
-pub fn sweep(folder: &Path, is_name: impl Fn(&str) -> bool) -> io::Result<()> {
+/// Removes the partial files and folders in `folder` that killed processes left, if they were to get names that
+/// `is_name` accepts.
+pub fn remove_abandoned_partials(folder: &Path, is_name: impl Fn(&str) -> bool) -> io::Result<()> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let abandoned = |name: &str| {
         let (name, process) = name.strip_prefix('.')?.strip_suffix(".partial")?.rsplit_once('.')?;
         let process = process.parse().ok().filter(|_| is_name(name))?;
         Some(process)
     };
-    // It may not be there yet, or let nobody list it: nothing is swept then.
+    // The folder may not exist yet, or may not be listed: then nothing is removed.
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
         if let Some(process) = entry.file_name().to_str().and_then(abandoned)
@@ -183,14 +190,14 @@ pub fn sweep(folder: &Path, is_name: impl Fn(&str) -> bool) -> io::Result<()> {
     Ok(())
 }
 
-/// [`sweep`]s for what is to be at `path`.
-fn sweep_beside(path: &Path) -> io::Result<()> {
+/// Removes what killed processes left of the file at `path`; see [`remove_abandoned_partials`].
+fn remove_partials_beside(path: &Path) -> io::Result<()> {
     let name = path.file_name().map(|name| name.to_string_lossy().into_owned());
-    sweep(path.parent().unwrap_or(Path::new("")), |found| Some(found) == name.as_deref())
+    remove_abandoned_partials(path.parent().unwrap_or(Path::new("")), |found| Some(found) == name.as_deref())
 }
 
-/// True if what a process was writing will never be finished: no such process runs here, and none on another host that
-/// shares the folder holds it.
+/// Returns true if nobody will finish a partial file: its process does not run here, and no process on another host
+/// that shares the folder holds its lock.
 fn is_abandoned(process: i32, path: &Path) -> bool {
     let dead = || Pid::from_raw(process).is_none_or(|process| test_kill_process(process) == Err(Errno::SRCH));
     let free = || {
@@ -200,23 +207,23 @@ fn is_abandoned(process: i32, path: &Path) -> bool {
     dead() && free()
 }
 
-/// Shows other hosts that a file or folder is being written, as long as it is open.
-fn hold(file: &File) {
-    // Where there are no locks, the process alone tells.
+/// Locks a file or folder as long as it is open, which tells other hosts that it is being written.
+fn lock_while_open(file: &File) {
+    // Where there are no locks, only the number of the process tells.
     let _ = file.try_lock();
 }
 
-/// Removes a file, or a folder with all that is in it; if it is there.
+/// Removes a file, or a folder with its content, if it exists.
 fn remove_any(path: &Path) -> io::Result<()> {
     let removed = match path.symlink_metadata() {
-        Ok(there) if there.is_dir() => fs::remove_dir_all(path),
+        Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
         _ => fs::remove_file(path),
     };
-    absent_is_fine(removed)
+    ignore_not_found(removed)
 }
 
-/// The result, or success if what was to go is not there.
-pub fn absent_is_fine(result: io::Result<()>) -> io::Result<()> {
+/// Turns the error that something does not exist into success.
+pub fn ignore_not_found(result: io::Result<()>) -> io::Result<()> {
     match result {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
@@ -233,7 +240,7 @@ pub fn sync_folder(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Brings a folder and all its files to disk: one call, where as many as there are files would take far longer.
+/// Brings a folder and all its files to disk in one call. A call for each file would take far longer.
 pub fn sync_all_in(folder: &File) -> io::Result<()> {
     #[cfg(target_os = "linux")]
     rustix::fs::syncfs(folder)?;
@@ -295,15 +302,15 @@ mod tests {
         drop(held);
         write_output(&path("page"), b"whole").expect("written");
         assert!(!path(&format!(".page.{dead}.partial")).exists());
-        // The same of a folder, which a file may have the name of.
+        // A folder may have the name of such a partial file; it goes, too.
         fs::create_dir_all(path(&format!(".maps.{dead}.partial/within"))).expect("a folder");
-        write_folder_whole(&path("maps"), [(String::from("a"), b"1".to_vec())].into_iter()).expect("written");
+        write_folder_atomically(&path("maps"), [(String::from("a"), b"1".to_vec())].into_iter()).expect("written");
         assert!(!path(&format!(".maps.{dead}.partial")).exists() && path("maps/a").exists());
     }
 
     #[test]
     fn a_folder_takes_the_place_of_another_with_and_without_an_exchange() {
-        for put in [put_folder, put_folder_by_renames] {
+        for put in [swap_folder, swap_folder_by_renames] {
             let folder = tempfile::tempdir().expect("a folder");
             let path = |name: &str| folder.path().join(name);
             let make = |text: &str| {

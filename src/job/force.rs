@@ -1,26 +1,29 @@
-//! The depth at which a pad presses back with a force.
+//! Finds the indentation depth at which a pad presses back with a given force.
 
-/// Presses that are tried for a force.
-pub const MOST_PRESSES: u32 = 40;
+/// Most presses that are tried.
+pub const MAX_PRESSES: u32 = 40;
 
-/// Indentation depth over the pad's thickness up to which a force is looked for.
-pub const DEEPEST: f64 = 0.9;
+/// The greatest indentation depth that is tried, as a fraction of the pad's thickness.
+pub const MAX_DEPTH_RATIO: f64 = 0.9;
 
-/// A bracket so narrow is a place, mm.
-const NARROWEST_MM: f64 = 1e-6;
+/// Width of a bracket at which the search ends, mm.
+const MIN_BRACKET_MM: f64 = 1e-6;
 
-/// Share of what is known to hold the answer by which a guess stays within it.
+/// Fraction of the bracket by which a guess stays away from its ends.
 pub const MARGIN: f64 = 0.02;
 
-/// The indentation depth, mm, at which `force_n`, which grows with it from 0, is `wanted_n` to a share of `tolerance`; at
-/// the depth `deepest.0` it is known to be `deepest.1`, at least as much.
-pub fn depth_of(wanted_n: f64, deepest: (f64, f64), tolerance: f64, force_n: impl Fn(f64) -> f64) -> f64 {
-    // Forces grow with a power of the depth: the secant of their logarithms, kept within what is known.
+/// Finds the indentation depth, mm, at which `force_n`, which grows with depth from 0, is `wanted_n` within the
+/// fraction `tolerance`. `deepest` is a depth and the force there, which must be at least the wanted one. If the search
+/// ends early, its last depth is returned.
+pub fn find_depth_for_force(wanted_n: f64, deepest: (f64, f64), tolerance: f64, force_n: impl Fn(f64) -> f64) -> f64 {
+    // Forces grow like a power of the depth, so the search uses the secant of their logarithms, kept inside the
+    // bracket.
     let (mut low, mut high) = ((0.0, 0.0), deepest);
+    // For the first guess the force grows with the depth to the power 1 / 0.6, between a ball (1.5) and a cone (2).
     let mut depth = deepest.0 * libm::pow(wanted_n / deepest.1, 0.6);
-    for _ in 0..MOST_PRESSES {
+    for _ in 0..MAX_PRESSES {
         let found = force_n(depth);
-        if (found - wanted_n).abs() <= tolerance * wanted_n || high.0 - low.0 < NARROWEST_MM {
+        if (found - wanted_n).abs() <= tolerance * wanted_n || high.0 - low.0 < MIN_BRACKET_MM {
             break;
         }
         if found < wanted_n {
@@ -35,6 +38,7 @@ pub fn depth_of(wanted_n: f64, deepest: (f64, f64), tolerance: f64, force_n: imp
         } else {
             0.5 * (low.0 + high.0)
         };
+        // A guess at an end of the bracket would hardly narrow it.
         let margin = MARGIN * (high.0 - low.0);
         depth = if guess.is_finite() { guess.clamp(low.0 + margin, high.0 - margin) } else { 0.5 * (low.0 + high.0) };
     }

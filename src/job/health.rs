@@ -1,21 +1,21 @@
-//! Whether a sample is sound.
+//! Checks whether a sample is healthy.
 //!
-//! The check looks at what every sample promises: finite numbers, a surface between the pad's back and one thickness
-//! above its front, and a solver that reached its tolerance. What a sensor legitimately does (clipped light, an object
-//! deeper than the pad) is counted in the label and is no illness.
+//! The check covers what every sample promises: finite numbers, a surface between the pad's back and one thickness
+//! above its front, and a solver that reached its tolerance. What can happen to a real sensor, too (clipped light, an
+//! object deeper than the pad), is only counted in the label.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::scene::{Pressed, Scene};
+use crate::scene::{PressSource, Scene};
 use gelsim_core::impression::Impression;
 
-/// What a check of the sample found.
+/// Result of the check of a sample.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Health {
-    /// True if the sample is sound: finite, within bounds, its contact solved.
+    /// True if the sample is healthy: finite, within bounds, its contact solved.
     pub healthy: bool,
-    /// Why not; empty if it is.
+    /// Why the sample is not healthy; empty if it is.
     pub reason: String,
     /// True if every number computed for the sample is finite.
     pub finite: bool,
@@ -29,16 +29,17 @@ pub struct Health {
     pub unseen_px: u64,
 }
 
-/// How far beyond the pad's back rounding and the solver's tolerance may take the surface, in thicknesses.
+/// How far beyond the pad's back rounding and the solver's tolerance may take the surface, as a fraction of the
+/// thickness.
 const SLACK: f32 = 1e-3;
 
-/// How far a healthy surface may lie from the undeformed pad, and an object reach below it, mm.
-pub fn bound_mm(thickness_mm: f64) -> f64 {
+/// Returns how far a healthy surface may lie from the undeformed pad, and an object may reach below it, mm.
+pub fn max_displacement_mm(thickness_mm: f64) -> f64 {
     thickness_mm * (1.0 + f64::from(SLACK))
 }
 
 impl Health {
-    /// Checks a sample of a pad `thickness_mm` thick.
+    /// Checks a sample on a pad `thickness_mm` thick.
     pub fn check(scene: &Scene, impression: &Impression, thickness_mm: f64) -> Self {
         let Impression { image, depth, contact, .. } = impression;
         let finite = image.finite && contact.finite;
@@ -67,8 +68,8 @@ impl Health {
             saturated_px: image.saturated_px,
             over_thickness_px: depth.over_thickness_px,
             unseen_px: match &scene.pressed {
-                Pressed::Object(_) => 0,
-                Pressed::Frame(frame) => frame.shape.unseen_px(),
+                PressSource::Object(_) => 0,
+                PressSource::Frame(frame) => frame.shape.unseen_px(),
             },
         }
     }

@@ -1,7 +1,7 @@
-//! The label of a sample: one documented struct that is the JSON label and its JSON Schema.
+//! The label of a sample. One documented struct is both the JSON label and its JSON Schema.
 //!
-//! The set of keys is the same for every sample of every dataset. Floats are always written with a decimal point, and
-//! null stands only for what cannot be known of a sample, or was not said of an object.
+//! Every sample of every dataset has the same keys. Floats are always written with a decimal point. Null stands only
+//! for what cannot be known of a sample, or was not given for an object.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use crate::scene::Scene;
 use crate::steps::Steps;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::camera::CameraParams;
-use gelsim_core::effects::{Note, PerEffect};
+use gelsim_core::effects::{EffectNote, PerEffect};
 use gelsim_core::impression::Impression;
 use gelsim_core::simulator::Simulator;
 
@@ -25,8 +25,8 @@ mod share;
 pub use contact::{ContactLabel, MarkersLabel, NumericsLabel};
 pub use pressed::{MaterialLabel, ObjectLabel, PoseLabel, ShearLabel, TextureLabel};
 pub use sensor::{BackgroundLabel, LedLabel, SensorLabel};
+use share::{ContactShare, describe_objects};
 pub use share::{PressedLabel, ShareLabel};
-use share::{Share, objects};
 
 /// Program and version.
 pub const GENERATOR: &str = concat!("gelsim ", env!("CARGO_PKG_VERSION"));
@@ -34,28 +34,28 @@ pub const GENERATOR: &str = concat!("gelsim ", env!("CARGO_PKG_VERSION"));
 /// Version of the label's keys and their meaning.
 pub const SCHEMA_VERSION: u32 = 1;
 
-/// What the labels of presses, sequences and grips begin with.
+/// The common beginning of the labels of presses, sequences and grips.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LabelHeader {
     /// Version of this schema.
     pub schema_version: u32,
     /// Program and version that made the sample.
     pub generator: String,
-    /// Nine digits that begin the names of the sample's members.
+    /// Nine digits with which the names of the sample's files begin.
     pub key: String,
     /// Number of the sample in the dataset.
     pub index: u64,
     /// Seed of the job.
     pub seed: u64,
-    /// How many draws of the sample were rejected before this one.
+    /// Number of draws of the sample that were rejected before this one.
     pub attempt: u32,
-    /// Split that the sample belongs to.
+    /// Split to which the sample belongs.
     pub split: Split,
-    /// What was pressed, or is held; of several objects the first.
+    /// The object that was pressed or is held; the first of several.
     pub object: ObjectLabel,
 }
 
-/// What a sample was simulated with.
+/// The models by which a sample was simulated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelsLabel {
     /// Fidelity level.
@@ -66,25 +66,25 @@ pub struct ModelsLabel {
     pub optics_model: String,
 }
 
-/// What is known about a sample.
+/// Label of a press.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Label {
     /// Which sample it is, and of what.
     #[serde(flatten)]
     pub header: LabelHeader,
-    /// Where it was: p = R (scale q) + t takes a point q of the mesh (mm) to the sensor's frame (mm).
+    /// Pose of the object: p = R (scale q) + t takes a point q of the mesh (mm) to the sensor's frame (mm).
     pub pose: PoseLabel,
-    /// How deep the object's lowest point reaches below the undeformed pad, mm.
+    /// Depth of the object's lowest point below the undeformed pad, mm.
     pub indentation_depth_mm: f64,
-    /// All that was pressed in together, each with its share of the contact: `object` first.
+    /// All objects that were pressed in together, each with its share of the contact; `object` is the first.
     #[serde(default)]
     pub objects: Vec<PressedLabel>,
-    /// How many more were to be pressed in with them, and found no place among them.
+    /// Number of further objects that should have been pressed in with them, but for which there was no place.
     #[serde(default)]
     pub unplaced_objects: u32,
     /// Micro relief of the object.
     pub texture: TextureLabel,
-    /// How the object was moved in the pad's plane.
+    /// Motion of the object in the pad's plane.
     pub shear: ShearLabel,
     /// The sensor.
     pub sensor: SensorLabel,
@@ -94,27 +94,27 @@ pub struct Label {
     pub markers: MarkersLabel,
     /// The camera.
     pub camera: CameraParams,
-    /// What it was simulated with.
+    /// The models by which it was simulated.
     #[serde(flatten)]
     pub models: ModelsLabel,
-    /// For each effect whether it ran and why or why not.
-    pub effects: PerEffect<Note>,
-    /// How well the gelpad model solved its problem, and how far the light is from what was measured.
+    /// For each effect whether it ran, and why or why not.
+    pub effects: PerEffect<EffectNote>,
+    /// How well the gelpad model solved its problem, and how much of the light is extrapolated.
     pub numerics: NumericsLabel,
-    /// What a check of the sample found.
+    /// Result of the check of the sample.
     pub health: Health,
-    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    /// Scales of 16-bit layers; all 0 if `output.depth_format` is another.
     pub png16: Steps,
 }
 
-/// The nine-digit key of a sample.
-pub fn key(index: u64) -> String {
+/// Returns the nine-digit key of a sample.
+pub fn sample_key(index: u64) -> String {
     format!("{index:09}")
 }
 
 impl Label {
-    /// Describes what a press of `plan` gave. Of several objects `numbered` says which of them is where
-    /// ([`Impression::numbered`]).
+    /// Makes the label of a press of `plan`. For several objects, `numbered` has the number of the object at each pixel
+    /// ([`Impression::instance_mask`]).
     pub fn describe(
         plan: &Plan,
         scene: &Scene,
@@ -124,15 +124,15 @@ impl Label {
     ) -> Self {
         let Impression { contact, camera, effects, .. } = impression;
         let (models, thickness_mm) = (simulator.models(), simulator.sensor().gelpad.thickness_mm);
-        let whole = Share::of(impression, simulator.view(), &contact.mask);
-        let object = ObjectLabel::of(plan, scene);
-        let pose = PoseLabel::of(&scene.pose);
-        let objects = objects(plan, scene, simulator, impression, numbered, (&object, &pose, &whole));
+        let total = ContactShare::from_mask(impression, simulator.view(), &contact.mask);
+        let object = ObjectLabel::from_scene(plan, scene);
+        let pose = PoseLabel::from_pose(&scene.pose);
+        let objects = describe_objects(plan, scene, simulator, impression, numbered, (&object, &pose, &total));
         Self {
             header: LabelHeader {
                 schema_version: SCHEMA_VERSION,
                 generator: GENERATOR.to_owned(),
-                key: key(scene.index),
+                key: sample_key(scene.index),
                 index: scene.index,
                 seed: plan.seed(),
                 attempt: scene.attempt,
@@ -143,11 +143,11 @@ impl Label {
             indentation_depth_mm: scene.indentation_depth_mm,
             objects,
             unplaced_objects: scene.unplaced,
-            texture: TextureLabel::of(scene),
-            shear: ShearLabel::of(plan, scene, simulator, contact.tangential.as_ref()),
-            sensor: SensorLabel::of(plan, scene, simulator),
-            contact: ContactLabel::of(impression, &whole, simulator.view()),
-            markers: MarkersLabel::of(impression, simulator.view()),
+            texture: TextureLabel::from_scene(scene),
+            shear: ShearLabel::from_scene(plan, scene, simulator, contact.tangential.as_ref()),
+            sensor: SensorLabel::from_scene(plan, scene, simulator),
+            contact: ContactLabel::from_impression(impression, &total, simulator.view()),
+            markers: MarkersLabel::from_impression(impression, simulator.view()),
             camera: *camera,
             models: ModelsLabel {
                 fidelity: plan.fidelity().name().to_owned(),
@@ -155,7 +155,7 @@ impl Label {
                 optics_model: models.optics.name().to_owned(),
             },
             effects: effects.notes.clone(),
-            numerics: NumericsLabel::of(plan, scene, contact, thickness_mm),
+            numerics: NumericsLabel::from_contact(plan, scene, contact, thickness_mm),
             health: Health::check(scene, impression, thickness_mm),
             png16: Steps::new(&plan.layers(), plan.job.output.depth_format, thickness_mm),
         }
@@ -163,7 +163,7 @@ impl Label {
 }
 
 impl Label {
-    /// How deep the deepest of what was pressed reaches below the undeformed pad, mm.
+    /// Returns the depth of the deepest of all pressed objects below the undeformed pad, mm.
     pub fn deepest_mm(&self) -> f64 {
         self.objects.iter().fold(self.indentation_depth_mm, |deepest, object| deepest.max(object.indentation_depth_mm))
     }

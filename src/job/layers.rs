@@ -1,7 +1,7 @@
-//! The layers of a sample beside its tactile image: one row each in a table, from which jobs, files, labels' scales, the
-//! dataset card, verification, the report and Python's arrays follow.
+//! The layers of a sample beside its tactile image. One table has a row for each; jobs, files, labels' scales, the
+//! dataset card, verification, the report and Python's arrays follow from it.
 //!
-//! A new layer is a variant of [`OutputLayer`] and its row of `TABLE` here, and what computes its values
+//! A new layer needs a variant of [`OutputLayer`], its row of `LAYER_SPECS` here, and the code that computes its values
 //! (`gelsim_dataset::content`).
 
 use schemars::JsonSchema;
@@ -15,7 +15,7 @@ use gelsim_files::exr::Pixel;
 #[serde(rename_all = "snake_case")]
 #[schemars(rename = "Layer")]
 pub enum OutputLayer {
-    /// How far the object reaches below the undeformed pad surface, mm.
+    /// Depth of the object below the undeformed pad surface, mm.
     Depth,
     /// Displacement of the pad's surface, mm, positive into the pad.
     Surface,
@@ -33,84 +33,90 @@ pub enum OutputLayer {
     Reference,
     /// The grey image under each lamp; only for sensors whose lamps were measured one by one.
     Lamps,
-    /// 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; only of sequences.
+    /// 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; only for sequences.
     Slip,
-    /// Motion of the pad's surface in its own plane since it was untouched, mm; only from models that know it.
+    /// Motion of the pad's surface in its own plane since it was untouched, mm; only from models that compute it.
     Flow,
     /// Tips of the pins at rest and now; only for sensors that have them.
     Pins,
     /// Points of the pad's surface, one for each pixel, mm in the sensor's frame.
     Points,
-    /// The number of the object that the pad touches, counted from 1 in the order of the label's `objects`, 0 elsewhere.
+    /// The number of the object that the pad touches, counted from 1 in the order of the label's `objects`, or 0 if it
+    /// touches none.
     Instance,
-    /// The image without any contact as the sample's own camera takes it at another moment, noise included.
+    /// The image without any contact, taken by the sample's own camera at another moment, with noise.
     Untouched,
 }
 
-/// What is to be known of a layer to write, read, check and describe it.
+/// All that is needed to write, read, check and describe a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerSpec {
-    /// Whose row it is.
+    /// The layer of this row.
     pub layer: OutputLayer,
-    /// Its name in jobs, members, labels and Python.
+    /// Name in jobs, files, labels and Python.
     pub name: &'static str,
-    /// What its values are.
-    pub form: Form,
+    /// Form of the values.
+    pub form: LayerForm,
     /// Unit of the values, if they are measures.
     pub unit: Option<&'static str>,
-    /// What the values mean, for the dataset card.
+    /// Meaning of the values, for the dataset card.
     pub meaning: &'static str,
 }
 
-/// What the values of a layer are, and how they may be stored.
+/// Form of the values of a layer, and how they may be stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Form {
+pub enum LayerForm {
     /// Measured numbers: float32 in memory.
     Floats {
         /// Names of the channels, one letter each, in alphabetical order.
         channels: &'static [&'static str],
-        /// No value is below it.
+        /// Lower bound of the values.
         least: f32,
-        /// Precision in EXR files, where that is not the job's to choose.
+        /// Precision in EXR files, if the job does not choose it.
         pixel: Option<Pixel>,
-        /// The scale in 16-bit steps, for layers that have a range which those suit.
-        steps: Option<Scale>,
+        /// Scale of 16-bit steps, for layers with a range that suits them.
+        steps: Option<StepScale>,
     },
     /// One byte per pixel.
     Grey,
     /// Red, green and blue, a byte each.
     Rgb,
-    /// Positions of markers, in pixels.
+    /// Positions of markers or pins, in pixels.
     Positions,
 }
 
-/// The row of every layer, in the order in which a sample's members are written.
-const TABLE: [LayerSpec; 15] = [
+/// The row of every layer, in the order in which a sample's files are written.
+const LAYER_SPECS: [LayerSpec; 15] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
-        form: Form::Floats { channels: &["Z"], least: 0.0, pixel: None, steps: Some(Scale::Depth) },
+        form: LayerForm::Floats { channels: &["Z"], least: 0.0, pixel: None, steps: Some(StepScale::Depth) },
         unit: Some("mm"),
         meaning: "how far the object reaches below the undeformed pad, 0 where it does not",
     },
     LayerSpec {
         layer: OutputLayer::Surface,
         name: "surface",
-        form: Form::Floats { channels: &["Z"], least: f32::NEG_INFINITY, pixel: None, steps: Some(Scale::Surface) },
+        form: LayerForm::Floats {
+            channels: &["Z"],
+            least: f32::NEG_INFINITY,
+            pixel: None,
+            steps: Some(StepScale::Surface),
+        },
         unit: Some("mm"),
         meaning: "displacement of the pad's surface, positive into the pad",
     },
     LayerSpec {
         layer: OutputLayer::Contact,
         name: "contact",
-        form: Form::Grey,
+        form: LayerForm::Grey,
         unit: None,
         meaning: "8-bit grey, 255 where the pad touches",
     },
     LayerSpec {
         layer: OutputLayer::Normal,
         name: "normal",
-        form: Form::Floats { channels: &["X", "Y", "Z"], least: f32::NEG_INFINITY, pixel: None, steps: None },
+        form: LayerForm::Floats { channels: &["X", "Y", "Z"], least: f32::NEG_INFINITY, pixel: None, steps: None },
         unit: None,
         meaning: "unit normals of the surface towards the camera; a flat pad is (0, 0, -1)",
     },
@@ -118,63 +124,63 @@ const TABLE: [LayerSpec; 15] = [
         layer: OutputLayer::Pressure,
         name: "pressure",
         // Half floats end at 65504 kPa, which a stiff pad exceeds.
-        form: Form::Floats { channels: &["P"], least: 0.0, pixel: Some(Pixel::Float), steps: None },
+        form: LayerForm::Floats { channels: &["P"], least: 0.0, pixel: Some(Pixel::Float), steps: None },
         unit: Some("kPa"),
         meaning: "pressure between pad and object",
     },
     LayerSpec {
         layer: OutputLayer::Gap,
         name: "gap",
-        form: Form::Floats { channels: &["Z"], least: OUT_OF_REACH_MM, pixel: None, steps: None },
+        form: LayerForm::Floats { channels: &["Z"], least: OUT_OF_REACH_MM, pixel: None, steps: None },
         unit: Some("mm"),
         meaning: "clearance between the pad's surface and the object above it, 0 in contact, -1 where no object is within reach",
     },
     LayerSpec {
         layer: OutputLayer::Markers,
         name: "markers",
-        form: Form::Positions,
+        form: LayerForm::Positions,
         unit: None,
         meaning: "rest and moved positions of the markers, px",
     },
     LayerSpec {
         layer: OutputLayer::Reference,
         name: "reference",
-        form: Form::Rgb,
+        form: LayerForm::Rgb,
         unit: None,
         meaning: "the image without contact, 8-bit RGB",
     },
     LayerSpec {
         layer: OutputLayer::Lamps,
         name: "lamps",
-        form: Form::Floats { channels: &["A", "B", "C", "D", "E", "F"], least: 0.0, pixel: None, steps: None },
+        form: LayerForm::Floats { channels: &["A", "B", "C", "D", "E", "F"], least: 0.0, pixel: None, steps: None },
         unit: None,
         meaning: "the grey image under each of the sensor's six lamps, 0 to 1",
     },
     LayerSpec {
         layer: OutputLayer::Slip,
         name: "slip",
-        form: Form::Grey,
+        form: LayerForm::Grey,
         unit: None,
         meaning: "8-bit grey, 128 where the pad sticks to the object, 255 where it slips, 0 where it does not touch it",
     },
     LayerSpec {
         layer: OutputLayer::Flow,
         name: "flow",
-        form: Form::Floats { channels: &["X", "Y"], least: f32::NEG_INFINITY, pixel: None, steps: None },
+        form: LayerForm::Floats { channels: &["X", "Y"], least: f32::NEG_INFINITY, pixel: None, steps: None },
         unit: Some("mm"),
         meaning: "motion of the pad's surface in its own plane since it was untouched, to the right and down",
     },
     LayerSpec {
         layer: OutputLayer::Pins,
         name: "pins",
-        form: Form::Positions,
+        form: LayerForm::Positions,
         unit: None,
         meaning: "rest and moved positions of the pins' tips, px, and mm in the sensor's frame",
     },
     LayerSpec {
         layer: OutputLayer::Points,
         name: "points",
-        form: Form::Floats {
+        form: LayerForm::Floats {
             channels: &["X", "Y", "Z"],
             least: f32::NEG_INFINITY,
             pixel: Some(Pixel::Float),
@@ -186,7 +192,7 @@ const TABLE: [LayerSpec; 15] = [
     LayerSpec {
         layer: OutputLayer::Instance,
         name: "instance",
-        form: Form::Grey,
+        form: LayerForm::Grey,
         unit: None,
         meaning: "8-bit grey, the number of the object that the pad touches, counted from 1 in the label's `objects`; 0 where \
                   it touches none",
@@ -194,78 +200,78 @@ const TABLE: [LayerSpec; 15] = [
     LayerSpec {
         layer: OutputLayer::Untouched,
         name: "untouched",
-        form: Form::Rgb,
+        form: LayerForm::Rgb,
         unit: None,
         meaning: "the image without contact by the sample's own camera at another moment, with noise of its own, 8-bit RGB",
     },
 ];
 
-// Rows are found by number.
+// Rows are looked up by the number of the variant, so their order is checked here.
 const _: () = {
     let mut row = 0;
-    while row < TABLE.len() {
-        assert!(TABLE[row].layer as usize == row, "rows stand in the order of the variants");
+    while row < LAYER_SPECS.len() {
+        assert!(LAYER_SPECS[row].layer as usize == row, "rows stand in the order of the variants");
         row += 1;
     }
 };
 
 impl OutputLayer {
-    /// Every layer, in the order in which a sample's members are written.
-    pub const ALL: [Self; TABLE.len()] = {
-        let mut all = [Self::Depth; TABLE.len()];
+    /// All layers, in the order in which a sample's files are written.
+    pub const ALL: [Self; LAYER_SPECS.len()] = {
+        let mut all = [Self::Depth; LAYER_SPECS.len()];
         let mut row = 0;
-        while row < TABLE.len() {
-            all[row] = TABLE[row].layer;
+        while row < LAYER_SPECS.len() {
+            all[row] = LAYER_SPECS[row].layer;
             row += 1;
         }
         all
     };
 
-    /// Its row of the table.
+    /// Returns the layer's row of the table.
     pub const fn spec(self) -> &'static LayerSpec {
-        &TABLE[self as usize]
+        &LAYER_SPECS[self as usize]
     }
 
-    /// The layer of a name.
-    pub fn named(name: &str) -> Option<Self> {
+    /// Returns the layer of this name, if there is one.
+    pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|layer| layer.name() == name)
     }
 
-    /// Its name in jobs, members and labels.
+    /// Returns the name in jobs, files and labels.
     pub fn name(self) -> &'static str {
         self.spec().name
     }
 
-    /// Names of its channels if it holds floats, in alphabetical order; none for the other layers.
+    /// Returns the names of the channels of a layer of floats, in alphabetical order; empty for other layers.
     pub fn channels(self) -> &'static [&'static str] {
         match self.spec().form {
-            Form::Floats { channels, .. } => channels,
-            Form::Grey | Form::Rgb | Form::Positions => &[],
+            LayerForm::Floats { channels, .. } => channels,
+            LayerForm::Grey | LayerForm::Rgb | LayerForm::Positions => &[],
         }
     }
 
-    /// How it is written where float layers have the format `format`.
-    pub fn coding(self, format: DepthFormat) -> Coding {
+    /// Returns how the layer is encoded if float layers have the format `format`.
+    pub fn coding_for(self, format: DepthFormat) -> LayerCoding {
         match (self.spec().form, format) {
-            // What loads point clouds loads arrays.
-            _ if self == Self::Points => Coding::Npy,
-            (Form::Grey | Form::Rgb, _) => Coding::Png,
-            (Form::Positions, _) => Coding::Json,
-            (Form::Floats { steps: Some(scale), .. }, DepthFormat::Png16) => Coding::Png16(scale),
-            (Form::Floats { .. }, DepthFormat::Npy) => Coding::Npy,
-            (Form::Floats { .. }, DepthFormat::Exr | DepthFormat::Png16) => Coding::Exr,
+            // Programs that load point clouds can load arrays.
+            _ if self == Self::Points => LayerCoding::Npy,
+            (LayerForm::Grey | LayerForm::Rgb, _) => LayerCoding::Png,
+            (LayerForm::Positions, _) => LayerCoding::Json,
+            (LayerForm::Floats { steps: Some(scale), .. }, DepthFormat::Png16) => LayerCoding::Png16(scale),
+            (LayerForm::Floats { .. }, DepthFormat::Npy) => LayerCoding::Npy,
+            (LayerForm::Floats { .. }, DepthFormat::Exr | DepthFormat::Png16) => LayerCoding::Exr,
         }
     }
 
-    /// The end of the member's name, after the sample's key.
-    pub fn suffix(self, format: DepthFormat) -> String {
-        format!("{}.{}", self.name(), self.coding(format).ending())
+    /// Returns the end of the file's name, behind the sample's key.
+    pub fn file_suffix(self, format: DepthFormat) -> String {
+        format!("{}.{}", self.name(), self.coding_for(format).extension())
     }
 }
 
 impl LayerSpec {
-    /// What the values are, with their unit before it.
-    pub fn said(&self) -> String {
+    /// Returns what the values are, with their unit before it.
+    pub fn description(&self) -> String {
         match self.unit {
             Some(unit) => format!("{unit}: {}", self.meaning),
             None => self.meaning.to_owned(),
@@ -273,8 +279,9 @@ impl LayerSpec {
     }
 }
 
-impl Form {
-    /// Values of one pixel, which an array has as its last axis if there are several; `None` of what are no images.
+impl LayerForm {
+    /// Returns the values per pixel, which are the last axis of an array if there are several; `None` for positions,
+    /// which are no image.
     pub fn values_per_px(&self) -> Option<usize> {
         match self {
             Self::Floats { channels, .. } => Some(channels.len()),
@@ -284,11 +291,11 @@ impl Form {
         }
     }
 
-    /// Bytes of one pixel in a file whose name ends in `ending`, before it is packed; `pixel` is the job's precision of
-    /// EXR files. `None` if it is not stored so.
+    /// Returns the bytes per pixel in a file with the extension `ending`, before packing. `pixel` is the job's
+    /// precision of EXR files. Returns `None` if the layer is not stored so.
     pub fn bytes_per_px(&self, ending: &str, pixel: Pixel) -> Option<usize> {
         let each = match (self, ending) {
-            (Self::Floats { pixel: own, .. }, "exr") => own.unwrap_or(pixel).bytes(),
+            (Self::Floats { pixel: own, .. }, "exr") => own.unwrap_or(pixel).bytes_per_value(),
             (Self::Floats { .. }, "npy") => 4,
             (Self::Floats { steps: Some(_), .. }, "png16") => 2,
             (Self::Grey | Self::Rgb, "png") => 1,
@@ -298,17 +305,17 @@ impl Form {
     }
 }
 
-/// Which of a label's scales the 16-bit steps of a layer have ([`crate::steps`]).
+/// Scale of a layer's 16-bit steps, which the label gives ([`crate::steps`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scale {
-    /// From 0 mm on.
+pub enum StepScale {
+    /// From 0 mm up.
     Depth,
     /// To both sides of 0 mm.
     Surface,
 }
 
-impl Scale {
-    /// Key of the label's `png16` that has the size of a step.
+impl StepScale {
+    /// Returns the key of the label's `png16` for the size of a step.
     pub fn step_key(self) -> &'static str {
         match self {
             Self::Depth => "depth_mm_per_step",
@@ -316,8 +323,8 @@ impl Scale {
         }
     }
 
-    /// Key of the label's `png16` that has the value of 0 mm, where that is not 0. A scale that has one keeps the value 0
-    /// for what is not finite.
+    /// Returns the key of the label's `png16` for the value that stands for 0 mm, or `None` if that is 0. A scale with
+    /// such a key keeps the value 0 for what is not finite.
     pub fn zero_key(self) -> Option<&'static str> {
         match self {
             Self::Depth => None,
@@ -330,20 +337,20 @@ impl Scale {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthFormat {
-    /// OpenEXR pictures.
+    /// OpenEXR images.
     #[default]
     Exr,
     /// NumPy arrays of float32.
     Npy,
-    /// Depth and surface as 16-bit grey PNG, in steps that the label names; other layers as EXR.
+    /// Depth and surface as 16-bit grey PNG, in steps that the label gives; other layers as EXR.
     Png16,
 }
 
 impl DepthFormat {
-    /// Every format.
+    /// All formats.
     pub const ALL: [Self; 3] = [Self::Exr, Self::Npy, Self::Png16];
 
-    /// Its name in jobs.
+    /// Returns the name in a job.
     pub fn name(self) -> &'static str {
         match self {
             Self::Exr => "exr",
@@ -353,24 +360,24 @@ impl DepthFormat {
     }
 }
 
-/// How a layer is written.
+/// Encoding of a layer's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Coding {
+pub enum LayerCoding {
     /// OpenEXR.
     Exr,
     /// NumPy array.
     Npy,
-    /// PNG of 16 bits: not `.png`, which readers of tars cut to 8 bits.
-    Png16(Scale),
+    /// PNG of 16 bits. Its extension is not `.png`, since readers of tars would cut that to 8 bits.
+    Png16(StepScale),
     /// PNG of 8 bits.
     Png,
     /// JSON.
     Json,
 }
 
-impl Coding {
-    /// The end of a file's name, after the last dot.
-    pub fn ending(self) -> &'static str {
+impl LayerCoding {
+    /// Returns the extension of the file, without the dot.
+    pub fn extension(self) -> &'static str {
         match self {
             Self::Exr => "exr",
             Self::Npy => "npy",
@@ -385,15 +392,15 @@ impl Coding {
 mod tests {
     use super::*;
 
-    /// A variant without a row could be written in a job and would have nothing to be looked up.
+    /// A variant without a row could be written in a job, but would have no row to look up.
     #[test]
     fn every_layer_that_a_job_can_name_has_its_row() {
         let written = |layer: OutputLayer| serde_json::to_value(layer).expect("a name");
         assert!(OutputLayer::ALL.into_iter().all(|layer| written(layer) == layer.name()));
         let schema = schemars::schema_for!(OutputLayer).to_value();
         assert_eq!(schema["title"], "Layer");
-        assert_eq!(schema["oneOf"].as_array().map(Vec::len), Some(TABLE.len()));
-        assert!(OutputLayer::ALL.into_iter().all(|layer| OutputLayer::named(layer.name()) == Some(layer)));
+        assert_eq!(schema["oneOf"].as_array().map(Vec::len), Some(LAYER_SPECS.len()));
+        assert!(OutputLayer::ALL.into_iter().all(|layer| OutputLayer::from_name(layer.name()) == Some(layer)));
     }
 
     #[test]

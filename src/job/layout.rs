@@ -1,8 +1,8 @@
-//! Which sample is in which split and which shard.
+//! Assigns samples to splits and shards.
 //!
-//! The split of a sample depends on its number and the shares only, so it stays when samples are added. Splits are
-//! interleaved evenly (Bresenham's line): the test split takes sample i when i * share passes a whole number, the
-//! validation split likewise among the rest. Shares are held in whole billionths and all steps are exact, so that 200
+//! The split of a sample depends only on its number and the fractions, so it stays when samples are added. Splits are
+//! interleaved evenly (Bresenham's line): the test split takes sample i if i * fraction passes a whole number, and the
+//! validation split does so among the rest. Fractions are kept in whole billionths and all steps are exact, so that 200
 //! samples at 0.8 / 0.1 / 0.1 are 160, 20 and 20.
 
 use serde::{Deserialize, Serialize};
@@ -25,7 +25,7 @@ impl Split {
     /// All splits, in the order of their shards.
     pub const ALL: [Self; 3] = [Self::Train, Self::Val, Self::Test];
 
-    /// Its name in files and labels.
+    /// Returns the name in files and labels.
     pub fn name(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -34,7 +34,7 @@ impl Split {
         }
     }
 
-    /// Its place in [`Split::ALL`].
+    /// Returns the index in [`Split::ALL`].
     pub fn number(self) -> usize {
         self as usize
     }
@@ -45,70 +45,70 @@ impl Split {
 pub struct Layout {
     samples: u64,
     samples_per_shard: u64,
-    /// Test samples among all samples.
-    test: Share,
-    /// Validation samples among those that are not test samples.
-    val: Share,
+    /// Test samples, as a fraction of all samples.
+    test: Fraction,
+    /// Validation samples, as a fraction of those that are not test samples.
+    val: Fraction,
 }
 
-/// A part of a whole, in billionths.
+/// An exact fraction, in billionths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Share {
-    part: u128,
-    whole: u128,
+struct Fraction {
+    numerator: u128,
+    denominator: u128,
 }
 
-impl Share {
-    /// How many of the first `count` are in the part.
-    fn share_of(self, count: u64) -> u64 {
-        (u128::from(count) * self.part / self.whole) as u64
+impl Fraction {
+    /// Returns how many of the first `count` samples are in the part.
+    fn count_in_part(self, count: u64) -> u64 {
+        (u128::from(count) * self.numerator / self.denominator) as u64
     }
 
-    fn holds(self, index: u64) -> bool {
-        self.share_of(index + 1) > self.share_of(index)
+    fn contains_index(self, index: u64) -> bool {
+        self.count_in_part(index + 1) > self.count_in_part(index)
     }
 
-    /// Index of the member number `position` of the part.
-    fn member(self, position: u64) -> u64 {
-        ((u128::from(position) + 1) * self.whole).div_ceil(self.part) as u64 - 1
+    /// Returns the index of the member number `position` of the part.
+    fn member_index(self, position: u64) -> u64 {
+        ((u128::from(position) + 1) * self.denominator).div_ceil(self.numerator) as u64 - 1
     }
 
-    /// Index of the member number `position` of what is not in the part.
-    fn rest(self, position: u64) -> u64 {
-        (u128::from(position) * self.whole / (self.whole - self.part)) as u64
+    /// Returns the index of the sample number `position` that is not in the part.
+    fn non_member_index(self, position: u64) -> u64 {
+        (u128::from(position) * self.denominator / (self.denominator - self.numerator)) as u64
     }
 }
 
-/// One shard: consecutive members of one split.
+/// A shard: consecutive members of one split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Number in the dataset: all of train, then val, then test.
     pub number: u64,
-    /// Its split.
+    /// The split.
     pub split: Split,
     /// Number within the split.
-    pub in_split: u64,
-    /// Position in the split of the first sample.
-    pub first: u64,
+    pub number_in_split: u64,
+    /// Position of the first sample in the split.
+    pub first_position: u64,
     /// Number of samples.
     pub samples: u64,
 }
 
 impl Shard {
-    /// Its name without folder and ending, such as `train-000000`.
+    /// Returns the name without folder and extension, such as `train-000000`.
     pub fn name(&self) -> String {
-        format!("{}-{:06}", self.split.name(), self.in_split)
+        format!("{}-{:06}", self.split.name(), self.number_in_split)
     }
 }
 
 impl Layout {
-    /// That of a job, whose numbers need not be checked yet.
+    /// Makes the layout of a job, whose numbers need not be checked yet.
     pub fn from_dataset(dataset: &Dataset) -> Self {
         Self::new(dataset.samples.unwrap_or(1), dataset.samples_per_shard, dataset.splits)
     }
 
-    /// `samples` samples; the shares are taken as parts of their sum. Sound for any numbers, so that it can be made
-    /// before they are checked.
+    /// Makes the layout of `samples` samples. The fractions are taken relative to their sum. It works for any numbers,
+    /// so that it can be made before they are checked.
     pub fn new(samples: u64, samples_per_shard: u64, splits: Splits) -> Self {
         let [train, val, test] =
             [splits.train, splits.val, splits.test].map(|share| (share.clamp(0.0, 1.0) * 1e9).round() as u128);
@@ -116,20 +116,20 @@ impl Layout {
         Self {
             samples,
             samples_per_shard: samples_per_shard.max(1),
-            test: Share { part: test, whole: all },
-            val: Share { part: val, whole: (train + val).max(1) },
+            test: Fraction { numerator: test, denominator: all },
+            val: Fraction { numerator: val, denominator: (train + val).max(1) },
         }
     }
 
-    /// Number of samples in all.
-    pub fn samples(&self) -> u64 {
+    /// Returns the number of samples in all splits.
+    pub fn sample_count(&self) -> u64 {
         self.samples
     }
 
-    /// Number of samples in a split.
+    /// Returns the number of samples in a split.
     pub fn samples_in(&self, split: Split) -> u64 {
-        let test = self.test.share_of(self.samples);
-        let val = self.val.share_of(self.samples - test);
+        let test = self.test.count_in_part(self.samples);
+        let val = self.val.count_in_part(self.samples - test);
         match split {
             Split::Train => self.samples - test - val,
             Split::Val => val,
@@ -137,27 +137,27 @@ impl Layout {
         }
     }
 
-    /// The split of a sample, and its position there.
+    /// Returns the split of a sample, and its position there.
     pub fn split_of(&self, index: u64) -> (Split, u64) {
-        let before = self.test.share_of(index);
-        if self.test.holds(index) {
+        let before = self.test.count_in_part(index);
+        if self.test.contains_index(index) {
             return (Split::Test, before);
         }
         let rest = index - before;
-        let before = self.val.share_of(rest);
-        if self.val.holds(rest) { (Split::Val, before) } else { (Split::Train, rest - before) }
+        let before = self.val.count_in_part(rest);
+        if self.val.contains_index(rest) { (Split::Val, before) } else { (Split::Train, rest - before) }
     }
 
-    /// The sample at a position of a split: the inverse of [`Layout::split_of`].
+    /// Returns the sample at a position of a split: the inverse of [`Layout::split_of`].
     pub fn index_of(&self, split: Split, position: u64) -> u64 {
         match split {
-            Split::Test => self.test.member(position),
-            Split::Val => self.test.rest(self.val.member(position)),
-            Split::Train => self.test.rest(self.val.rest(position)),
+            Split::Test => self.test.member_index(position),
+            Split::Val => self.test.non_member_index(self.val.member_index(position)),
+            Split::Train => self.test.non_member_index(self.val.non_member_index(position)),
         }
     }
 
-    /// Number of shards in all.
+    /// Returns the number of shards in all splits.
     pub fn shard_count(&self) -> u64 {
         Split::ALL.iter().map(|split| self.shards_in(*split)).sum()
     }
@@ -166,7 +166,7 @@ impl Layout {
         self.samples_in(split).div_ceil(self.samples_per_shard)
     }
 
-    /// Shard number `number`, which must be below [`Layout::shard_count`].
+    /// Returns the shard number `number`, which must be below [`Layout::shard_count`].
     pub fn shard(&self, number: u64) -> Shard {
         let mut in_split = number;
         let mut split = Split::Train;
@@ -180,19 +180,20 @@ impl Layout {
         }
         let first = in_split * self.samples_per_shard;
         let samples = self.samples_per_shard.min(self.samples_in(split).saturating_sub(first));
-        Shard { number, split, in_split, first, samples }
+        Shard { number, split, number_in_split: in_split, first_position: first, samples }
     }
 
-    /// The shard that sample `index` is in.
+    /// Returns the shard that sample `index` is in.
     pub fn shard_of(&self, index: u64) -> Shard {
         let (split, position) = self.split_of(index);
         let before: u64 = Split::ALL[..split.number()].iter().map(|split| self.shards_in(*split)).sum();
         self.shard(before + position / self.samples_per_shard)
     }
 
-    /// The samples of a shard, in order.
-    pub fn indices(&self, shard: Shard) -> impl Iterator<Item = u64> + '_ {
-        (shard.first..shard.first + shard.samples).map(move |position| self.index_of(shard.split, position))
+    /// Iterates over the samples of a shard, in order.
+    pub fn sample_indices(&self, shard: Shard) -> impl Iterator<Item = u64> + '_ {
+        (shard.first_position..shard.first_position + shard.samples)
+            .map(move |position| self.index_of(shard.split, position))
     }
 }
 
@@ -223,8 +224,8 @@ mod tests {
             for number in 0..layout.shard_count() {
                 let shard = layout.shard(number);
                 prop_assert!(shard.samples > 0 && shard.samples <= per_shard);
-                for (offset, index) in layout.indices(shard).enumerate() {
-                    prop_assert_eq!(layout.split_of(index), (shard.split, shard.first + offset as u64));
+                for (offset, index) in layout.sample_indices(shard).enumerate() {
+                    prop_assert_eq!(layout.split_of(index), (shard.split, shard.first_position + offset as u64));
                     prop_assert_eq!(layout.shard_of(index), shard);
                     prop_assert!(!std::mem::replace(&mut seen[index as usize], true));
                 }

@@ -1,4 +1,4 @@
-//! A job: as written, resolved, drawn at random, rendered and described.
+//! A job: read, resolved to a plan, drawn at random, rendered and labelled.
 
 pub mod config;
 pub mod force;

@@ -1,15 +1,15 @@
-//! The objects of a press: each turned, sized and pressed in as it is drawn, and those beside the first one placed so that none
-//! overlaps another.
+//! Draws and places the objects of a press: each is turned, scaled and pressed in as drawn, and objects beside the
+//! first one are placed so that no two overlap.
 //!
-//! Objects whose outlines in the plane lie apart do not overlap ([`gelsim_core::depth::outline`]). A place is drawn anew, from
-//! the same ranges, until the outline lies apart from all that are there; turn, size and depth stay, so that a place that is
-//! hard to find makes no object, angle or size rarer than another while one is found at all.
+//! Objects do not overlap if their outlines in the plane lie apart ([`gelsim_core::depth::outline`]). Only the place is
+//! drawn again, from the same ranges, until the outline lies apart from all others. Turn, size and depth stay, so that
+//! objects, angles and sizes that are hard to place do not become rarer, as long as a place is found at all.
 
 use std::sync::Arc;
 
 use crate::layout::Split;
 use crate::plan::Plan;
-use gelsim_core::base::rng::{self, Stream};
+use gelsim_core::base::rng::{self, RandomStream};
 use gelsim_core::depth::outline::Outline;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
@@ -18,49 +18,49 @@ use gelsim_files::sensor::quantity::Quantity;
 /// Distance between the pad and an object that does not touch it, mm.
 pub const NO_CONTACT_GAP_MM: f64 = 0.1;
 
-/// Places that are drawn for an object before it is left out.
-pub const MOST_PLACES: u32 = 100;
+/// Most places that are drawn for an object before it is left out.
+pub const MAX_PLACES: u32 = 100;
 
-/// Objects lie at least so far apart, mm: more than rounding moves them.
-const LEAST_GAP_MM: f64 = 1e-3;
+/// The least distance between objects, mm: more than rounding moves them.
+const MIN_GAP_MM: f64 = 1e-3;
 
-/// An object that is pressed in together with the first one of a press.
+/// An object that is pressed in beside the first one of a press.
 #[derive(Clone, Debug)]
 pub struct OtherObject {
-    /// Its number in the plan's sampling.
+    /// Index of the object in the plan's sampling.
     pub number: usize,
     /// Factor on its size.
     pub scale: f64,
-    /// The object so large.
+    /// The scaled object.
     pub clusters: Arc<Clusters>,
-    /// Where it is, in the sensor's frame.
+    /// Its pose in the sensor's frame.
     pub pose: Pose,
-    /// Its outline in the plane that it is posed over.
+    /// Its outline in the plane over which it is posed.
     pub outline: Outline,
-    /// How deep its lowest point reaches below the undeformed pad, mm; 0 without contact.
+    /// Depth of its lowest point below the undeformed pad, mm; 0 without contact.
     pub indentation_depth_mm: f64,
 }
 
-/// An object as it is drawn, but for its place.
+/// An object as it is drawn, without its place.
 pub struct TurnedObject {
     /// Its side that faces the pad.
     pub side: Side,
     /// Factor on its size.
     pub scale: f64,
-    /// The object so large.
+    /// The scaled object.
     pub clusters: Arc<Clusters>,
-    /// What is drawn for the indentation depth, mm.
+    /// Indentation depth that is drawn, mm.
     pub depth_mm: f64,
     turned: Pose,
     lowest_mm: f64,
 }
 
 impl TurnedObject {
-    /// Draws side, angles, size and depth of object `number` from streams of these names.
-    pub fn draw(plan: &Plan, number: usize, touches: bool, stream: impl Fn(&str) -> Stream) -> Self {
+    /// Draws the side, angles, size and depth of object `number`. `stream` returns the random stream of a name.
+    pub fn draw(plan: &Plan, number: usize, touches: bool, stream: impl Fn(&str) -> RandomStream) -> Self {
         let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
         let pose = &plan.job().pose;
-        let side = pose.face.sample(plan.sampling.objects[number].richest, &mut stream("face"));
+        let side = pose.face.pick_side(plan.sampling.objects[number].richest_side, &mut stream("face"));
         let angles = Angles {
             yaw_deg: draw("yaw", &pose.yaw_deg),
             tilt_deg: draw("tilt", &pose.tilt_deg),
@@ -82,15 +82,15 @@ impl TurnedObject {
         Self { side, scale, clusters, depth_mm, turned, lowest_mm }
     }
 
-    /// Its pose with its anchor at a place.
-    pub fn at(&self, position_mm: [f64; 2], anchor: Anchor) -> Pose {
+    /// Returns the pose of the object with its anchor at a place.
+    pub fn pose_at(&self, position_mm: [f64; 2], anchor: Anchor) -> Pose {
         self.turned.moved(position_mm, anchor, self.lowest_mm, &self.clusters)
     }
 }
 
-/// Draws and places what is pressed in together with the first object of a press, and how many objects found no place.
-/// `index` is the number of the press's streams; names of streams end in the object's number, counted from 0.
-pub fn place_beside(
+/// Draws and places the objects that are pressed in beside the first one of a press. Also returns how many objects
+/// found no place. `index` selects the press's random streams; their names end in the object's number, counted from 0.
+pub fn place_other_objects(
     plan: &Plan,
     split: Split,
     index: u64,
@@ -99,27 +99,28 @@ pub fn place_beside(
     plane: &PadPlane,
 ) -> (Vec<OtherObject>, u32) {
     let counts = plan.job().objects_per_sample();
-    let wanted = counts.sample(&mut rng::stream(plan.seed(), "objects", index));
+    let wanted = counts.sample(&mut rng::random_stream(plan.seed(), "objects", index));
     if wanted < 2 {
         return (Vec::new(), 0);
     }
     let mut outlines = vec![Outline::of(first.0, first.1)];
     let mut others = Vec::new();
     for k in 1..wanted {
-        let stream = |name: &str| rng::stream(plan.seed(), &format!("{name} {k}"), index);
-        let number = plan.sampling.draw[split.number()].pick_beside(&mut stream("object"));
+        let stream = |name: &str| rng::random_stream(plan.seed(), &format!("{name} {k}"), index);
+        let number = plan.sampling.object_samplers[split.number()].pick_other_object(&mut stream("object"));
         let turned = TurnedObject::draw(plan, number, touches, stream);
         let job = &plan.job().pose;
-        let somewhere = turned.at([0.0; 2], job.anchor);
+        // The outline at the origin is moved to each place, since it does not depend on the place.
+        let somewhere = turned.pose_at([0.0; 2], job.anchor);
         let outline = Outline::of(&turned.clusters, &somewhere);
         let place = |place: u32| {
             let draw = |axis: &str, quantity: &Quantity| quantity.sample(&mut stream(&format!("{axis} {place} of")));
             [draw("x", &job.x_mm), draw("y", &job.y_mm)]
         };
-        let is_free = |outline: &Outline| outlines.iter().all(|other| outline.gap_mm(other) >= LEAST_GAP_MM);
-        let found = (0..MOST_PLACES).map(place).find(|at| is_free(&outline.moved(*at)));
+        let is_free = |outline: &Outline| outlines.iter().all(|other| outline.gap_mm(other) >= MIN_GAP_MM);
+        let found = (0..MAX_PLACES).map(place).find(|at| is_free(&outline.moved(*at)));
         let Some(position_mm) = found else { continue };
-        let over_plane = turned.at(position_mm, job.anchor);
+        let over_plane = turned.pose_at(position_mm, job.anchor);
         let outline = outline.moved(position_mm);
         outlines.push(outline.clone());
         let TurnedObject { scale, clusters, depth_mm, .. } = turned;
@@ -127,7 +128,7 @@ pub fn place_beside(
             number,
             scale,
             clusters,
-            pose: plane.placed(over_plane),
+            pose: plane.pose_in_sensor(over_plane),
             outline,
             indentation_depth_mm: if touches { depth_mm } else { 0.0 },
         });

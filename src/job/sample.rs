@@ -1,4 +1,5 @@
-//! One sample of a plan: drawn, pressed, described, and drawn again where it is not sound and the job wants that.
+//! Renders a sample of a plan: draws, presses and labels it, and draws it again if it is not healthy and the job
+//! rejects such samples.
 
 use std::fmt;
 use std::sync::Arc;
@@ -7,35 +8,35 @@ use crate::config::output::OnUnhealthy;
 use crate::label::{Label, LabelHeader};
 use crate::plan::Plan;
 use crate::scene::Scene;
-use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::grid::Grid;
 use gelsim_core::impression::Impression;
 use gelsim_core::simulator::Simulator;
 
-/// One sample of a dataset.
+/// A rendered sample.
 pub struct Sample {
     /// The simulator of its sensor.
     pub simulator: Arc<Simulator>,
-    /// What the press gave.
+    /// Result of the press.
     pub impression: Impression,
-    /// Of several objects, which of them is where ([`Impression::numbered`]); `None` of one.
+    /// The number of the object at each pixel ([`Impression::instance_mask`]); `None` if there is only one object.
     pub numbered: Option<Grid<u8>>,
-    /// What is known about it.
+    /// Label of the sample.
     pub label: Label,
-    /// CPU seconds that each stage took; not part of the label, because they differ from run to run.
+    /// CPU seconds of each stage. They are not part of the label, since they differ from run to run.
     pub seconds: Seconds,
 }
 
-/// Renders sample `index` of `plan` as it is drawn first.
+/// Renders the first draw of sample `index`.
 pub fn render(plan: &Plan, index: u64) -> Sample {
-    attempt(plan, index, 0)
+    render_attempt(plan, index, 0)
 }
 
-/// Renders sample `index` of `plan` as it is drawn after `attempt` draws were rejected.
-pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
-    let plan = plan.of_sample(index, attempt);
-    let mut clock = Clock::start();
-    // Object, pose, indentation: all randomness of the sample.
+/// Renders sample `index` as it is drawn after `attempt` rejected draws.
+pub fn render_attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
+    let plan = plan.for_sample(index, attempt);
+    let mut clock = ThreadClock::start();
+    // All randomness of the sample is in this draw.
     let scene = Scene::draw(plan, index, attempt);
     let seconds = clock.lap();
     let mut sample = press(plan, &scene);
@@ -43,32 +44,32 @@ pub fn attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
     sample
 }
 
-/// Renders and describes one press of `plan`.
+/// Renders and labels one press of `plan`.
 pub fn press(plan: &Plan, scene: &Scene) -> Sample {
-    let mut clock = Clock::start();
-    // The plan's, or another one where samples differ in their sensors.
+    let mut clock = ThreadClock::start();
+    // The plan's simulator, unless samples differ in their sensors.
     let simulator = scene.simulator(plan);
     let of_sensor = clock.lap();
-    let mut sample = press_with(plan, scene, simulator);
+    let mut sample = press_with_simulator(plan, scene, simulator);
     sample.seconds.scene += of_sensor;
     sample
 }
 
-/// The same with the simulator of the press's sensor.
-pub fn press_with(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>) -> Sample {
-    let impression = simulator.press_with(&scene.press(plan));
-    let mut clock = Clock::start();
-    let several = !scene.others.is_empty();
-    let numbered = several.then(|| impression.numbered(&scene.outlines(), &scene.plane));
+/// Renders and labels a press with the simulator of its sensor.
+pub fn press_with_simulator(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>) -> Sample {
+    let impression = simulator.press_with(&scene.to_press(plan));
+    let mut clock = ThreadClock::start();
+    let several = !scene.other_objects.is_empty();
+    let numbered = several.then(|| impression.instance_mask(&scene.outlines(), &scene.plane));
     let label = Label::describe(plan, scene, &simulator, &impression, numbered.as_ref());
     let seconds = Seconds { label: clock.lap(), ..impression.seconds };
     Sample { simulator, impression, numbered, label, seconds }
 }
 
 impl Sample {
-    /// Of each pixel of the image the number of the object that touches the pad there, counted from 1 in the label's order; 0
-    /// where none does.
-    pub fn instances(&self) -> Vec<u8> {
+    /// Returns, for each pixel of the image, the number of the object that the pad touches, counted from 1 in the
+    /// label's order; 0 if it touches none.
+    pub fn instance_map(&self) -> Vec<u8> {
         let mask = &self.impression.contact.mask;
         let touches = |(at, mask): (usize, &u8)| match &self.numbered {
             _ if *mask == 0 => 0,
@@ -80,22 +81,22 @@ impl Sample {
     }
 }
 
-/// Draws of one sample before the run gives up.
-pub const MOST_ATTEMPTS: u32 = 100;
+/// Most draws of a sample before the run gives up.
+pub const MAX_ATTEMPTS: u32 = 100;
 
-/// A sample that may go into the dataset, and the draws of it that may not.
-pub struct Accepted {
+/// A sample that may go into the dataset, and the rejected draws before it.
+pub struct AcceptedSample {
     /// The sample.
     pub sample: Sample,
-    /// What was drawn before it and rejected.
+    /// Labels of the draws before it that were rejected.
     pub rejected: Vec<Label>,
 }
 
-/// A sample of which no draw may go into the dataset: the label of the last one.
+/// The error for a sample of which no draw may go into the dataset. Holds the label of the last draw.
 #[derive(Debug)]
-pub struct Unfit(pub Box<Label>);
+pub struct RejectedSample(pub Box<Label>);
 
-impl fmt::Display for Unfit {
+impl fmt::Display for RejectedSample {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Label { header: LabelHeader { key, seed, attempt, .. }, health, .. } = &*self.0;
         let (draws, s) = (attempt + 1, if *attempt == 0 { "" } else { "s" });
@@ -103,14 +104,14 @@ impl fmt::Display for Unfit {
     }
 }
 
-/// Sample `index` as a dataset would have it; its first draw if no draw may go into one.
-pub fn shown(plan: &Plan, index: u64) -> Sample {
-    accept(plan, index).map_or_else(|_| render(plan, index), |accepted| accepted.sample)
+/// Renders sample `index` as it would be in a dataset. If no draw may go into one, it is the first draw.
+pub fn render_for_display(plan: &Plan, index: u64) -> Sample {
+    accept_sample(plan, index).map_or_else(|_| render(plan, index), |accepted| accepted.sample)
 }
 
-/// Renders sample `index`, again and again if the plan rejects unhealthy ones. Stages of rejected draws count in the
-/// sample's seconds.
-pub fn accept(plan: &Plan, index: u64) -> Result<Accepted, Unfit> {
+/// Renders sample `index`, again and again if the plan rejects unhealthy ones. The CPU time of rejected draws counts in
+/// its seconds.
+pub fn accept_sample(plan: &Plan, index: u64) -> Result<AcceptedSample, RejectedSample> {
     let mut rejected: Vec<Label> = Vec::new();
     let mut sample = render(plan, index);
     loop {
@@ -118,13 +119,13 @@ pub fn accept(plan: &Plan, index: u64) -> Result<Accepted, Unfit> {
         match plan.output().on_unhealthy {
             _ if sample.label.health.healthy => break,
             OnUnhealthy::Keep => break,
-            OnUnhealthy::Reject if again < MOST_ATTEMPTS => {}
-            OnUnhealthy::Reject | OnUnhealthy::Fail => return Err(Unfit(Box::new(sample.label))),
+            OnUnhealthy::Reject if again < MAX_ATTEMPTS => {}
+            OnUnhealthy::Reject | OnUnhealthy::Fail => return Err(RejectedSample(Box::new(sample.label))),
         }
-        let next = attempt(plan, index, again);
+        let next = render_attempt(plan, index, again);
         let before = std::mem::replace(&mut sample, next);
         sample.seconds.add(&before.seconds);
         rejected.push(before.label);
     }
-    Ok(Accepted { sample, rejected })
+    Ok(AcceptedSample { sample, rejected })
 }

@@ -1,4 +1,5 @@
-//! JSON Schemas of what derives none: whole numbers that may be random, and sensors that are distributions.
+//! JSON Schemas that cannot be derived: whole numbers that may be random, and sensors whose numbers may be
+//! distributions.
 
 use std::borrow::Cow;
 
@@ -14,20 +15,21 @@ impl JsonSchema for Count {
     }
 
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        let whole = json!({ "type": "integer", "minimum": 1 });
+        let integer = json!({ "type": "integer", "minimum": 1 });
         json_schema!({
             "description": "A whole number, or [min, max] for a range of whole numbers that are equally likely.",
-            "anyOf": [whole, { "type": "array", "items": whole, "minItems": 2, "maxItems": 2 }]
+            "anyOf": [integer, { "type": "array", "items": integer, "minItems": 2, "maxItems": 2 }]
         })
     }
 }
 
-/// The schema of a format with a sensor in it, in which the sensor's numbers may be distributions and its background a list.
+/// Returns the schema of a format with a sensor in it, changed so that the sensor's numbers may be distributions and
+/// its background a list.
 pub fn with_distributions(schema: Schema) -> Value {
     let mut schema = schema.to_value();
     let quantity = json!({ "$ref": "#/$defs/Quantity" });
     for (path, _) in Sensor::with_every_number(1).numbers_mut() {
-        // The tables on the way, and the number: a key, or an element of the list at a key.
+        // The path has the tables on the way and the number, which is a key or an element of the list at a key.
         let keys: Vec<&str> = path.split('.').filter(|segment| segment.parse::<usize>().is_err()).collect();
         let is_element = path.ends_with(|last: char| last.is_ascii_digit());
         let (key, way) = keys.split_last().expect("a path has a last key");
@@ -37,7 +39,9 @@ pub fn with_distributions(schema: Schema) -> Value {
             Some(&"rendered_background") => "RenderedBackground",
             Some(_) => "Pattern",
         };
-        let Some(property) = properties(&mut schema, definition).and_then(|all| all.get_mut(*key)) else { continue };
+        let Some(property) = find_properties(&mut schema, definition).and_then(|all| all.get_mut(*key)) else {
+            continue;
+        };
         if is_element {
             property["items"] = quantity.clone();
         } else if let Some(property) = property.as_object_mut() {
@@ -48,7 +52,8 @@ pub fn with_distributions(schema: Schema) -> Value {
     for key in ["preset", "background", "background_sha256"] {
         let list =
             json!([{ "type": "string" }, { "type": "array", "items": { "type": "string" } }, { "type": "null" }]);
-        if let Some(property) = properties(&mut schema, "Sensor").and_then(|all| all.get_mut(key)?.as_object_mut()) {
+        if let Some(property) = find_properties(&mut schema, "Sensor").and_then(|all| all.get_mut(key)?.as_object_mut())
+        {
             property.remove("type");
             property.insert(String::from("anyOf"), list);
         }
@@ -56,8 +61,8 @@ pub fn with_distributions(schema: Schema) -> Value {
     schema
 }
 
-/// The properties of a definition, or of the schema itself where that is what it defines.
-fn properties<'a>(schema: &'a mut Value, definition: &str) -> Option<&'a mut serde_json::Map<String, Value>> {
+/// Returns the properties of a definition, or of the schema itself if it is that of the definition.
+fn find_properties<'a>(schema: &'a mut Value, definition: &str) -> Option<&'a mut serde_json::Map<String, Value>> {
     let itself = schema["title"] == definition;
     let object = if itself { schema } else { schema.get_mut("$defs")?.get_mut(definition)? };
     object.get_mut("properties")?.as_object_mut()

@@ -1,22 +1,23 @@
-//! Depth and surface as grey PNG of 16 bits: whole steps, whose size and zero the label names.
+//! Encodes depth and surface as 16-bit grey PNG in whole steps. The label gives the size of a step and the value of 0
+//! mm.
 //!
-//! The steps follow from the pad's thickness alone: 65535 of them reach from nothing to the deepest object, or from the
-//! highest to the deepest surface, that [`crate::health`] lets pass. What lies beyond becomes the first or last step, and
-//! what is not finite 0, which no finite surface becomes; the label of such a sample says that it is not healthy.
+//! The steps depend only on the pad's thickness: 65535 of them reach from 0 to the deepest object, or from the highest
+//! to the deepest surface, that [`crate::health`] accepts. Values beyond become the first or last step. Values that are
+//! not finite become 0, which no finite surface becomes; the label of such a sample says that it is not healthy.
 
 use image::DynamicImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::health;
-use crate::layers::{Coding, DepthFormat, OutputLayer, Scale};
+use crate::layers::{DepthFormat, LayerCoding, OutputLayer, StepScale};
 use gelsim_core::base::grid::Grid;
 use gelsim_files::png;
 
-/// The step that stands for a surface of 0 mm: the middle one.
+/// The step for a surface of 0 mm, in the middle of the range.
 const SURFACE_ZERO: u32 = 1 << 15;
 
-/// What the values of 16-bit layers mean. All 0 for a layer that is not stored so.
+/// Scales of 16-bit layers. All values are 0 if no layer is stored so.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Steps {
@@ -24,40 +25,42 @@ pub struct Steps {
     pub depth_mm_per_step: f64,
     /// The surface's displacement in mm is the value less `surface_zero`, times this.
     pub surface_mm_per_step: f64,
-    /// Value of a surface of 0 mm.
+    /// Value that stands for a surface of 0 mm.
     pub surface_zero: u32,
 }
 
 impl Steps {
-    /// Those of a sample that has `layers`, pressed into a pad `thickness_mm` thick.
+    /// Returns the steps of a sample that has `layers`, for a pad `thickness_mm` thick.
     pub fn new(layers: &[OutputLayer], format: DepthFormat, thickness_mm: f64) -> Self {
-        let stored = |scale: Scale| layers.iter().any(|layer| layer.coding(format) == Coding::Png16(scale));
-        let bound_mm = health::bound_mm(thickness_mm);
+        let stored =
+            |scale: StepScale| layers.iter().any(|layer| layer.coding_for(format) == LayerCoding::Png16(scale));
+        let bound_mm = health::max_displacement_mm(thickness_mm);
         let mut steps = Self::default();
-        if stored(Scale::Depth) {
+        if stored(StepScale::Depth) {
             steps.depth_mm_per_step = bound_mm / f64::from(u16::MAX);
         }
-        if stored(Scale::Surface) {
+        if stored(StepScale::Surface) {
             steps.surface_mm_per_step = bound_mm / (f64::from(u16::MAX) - f64::from(SURFACE_ZERO));
             steps.surface_zero = SURFACE_ZERO;
         }
         steps
     }
 
-    /// Millimetres per step, and the value of 0 mm.
-    fn in_scale(&self, scale: Scale) -> (f64, f64) {
+    /// Returns the millimetres per step, and the value of 0 mm.
+    fn step_and_zero(&self, scale: StepScale) -> (f64, f64) {
         match scale {
-            Scale::Surface => (self.surface_mm_per_step, f64::from(self.surface_zero)),
-            Scale::Depth => (self.depth_mm_per_step, 0.0),
+            StepScale::Surface => (self.surface_mm_per_step, f64::from(self.surface_zero)),
+            StepScale::Depth => (self.depth_mm_per_step, 0.0),
         }
     }
 
-    /// Encodes mm, row by row. The largest error is half a step.
-    pub fn encode(&self, scale: Scale, width: usize, height: usize, plane_mm: &[f32]) -> Vec<u8> {
-        let (mm_per_step, zero) = self.in_scale(scale);
+    /// Encodes values in mm, row by row. The largest error is half a step.
+    pub fn encode(&self, scale: StepScale, width: usize, height: usize, plane_mm: &[f32]) -> Vec<u8> {
+        let (mm_per_step, zero) = self.step_and_zero(scale);
         let lowest = i32::from(zero > 0.0);
         let step = |mm: f32| match mm.is_finite() {
-            // To the nearest: what is cut off is less than a step, since nothing below the lowest is kept.
+            // Round to the nearest step. The cast truncates towards 0, but what is below the lowest step is clamped
+            // anyway.
             true => ((f64::from(mm) / mm_per_step + zero + 0.5) as i32).clamp(lowest, i32::from(u16::MAX)) as u16,
             false => 0,
         };
@@ -65,17 +68,17 @@ impl Steps {
         png::encode_grey16(width, height, &values)
     }
 
-    /// Decodes what [`Steps::encode`] made, mm.
-    pub fn decode(&self, scale: Scale, bytes: &[u8]) -> Result<Grid<f32>, String> {
-        let (mm_per_step, zero) = self.in_scale(scale);
-        let values = values(bytes)?;
+    /// Decodes what [`Steps::encode`] encoded, in mm.
+    pub fn decode(&self, scale: StepScale, bytes: &[u8]) -> Result<Grid<f32>, String> {
+        let (mm_per_step, zero) = self.step_and_zero(scale);
+        let values = decode_grey16(bytes)?;
         let mm = |value: &u16| ((f64::from(*value) - zero) * mm_per_step) as f32;
         Ok(Grid { width: values.width, height: values.height, data: values.data.iter().map(mm).collect() })
     }
 }
 
-/// The values of a grey PNG of 16 bits.
-pub fn values(bytes: &[u8]) -> Result<Grid<u16>, String> {
+/// Decodes the values of a 16-bit grey PNG.
+pub fn decode_grey16(bytes: &[u8]) -> Result<Grid<u16>, String> {
     match png::decode(bytes)? {
         DynamicImage::ImageLuma16(grey) => {
             Ok(Grid { width: grey.width() as usize, height: grey.height() as usize, data: grey.into_raw() })
@@ -95,11 +98,11 @@ mod tests {
         for thickness_mm in [0.1, 3.0, 4.25, 100.0] {
             let steps = Steps::new(&BOTH, DepthFormat::Png16, thickness_mm);
             let deepest = (thickness_mm * 1.001) as f32;
-            for (scale, least) in [(Scale::Depth, 0.0), (Scale::Surface, -deepest)] {
+            for (scale, least) in [(StepScale::Depth, 0.0), (StepScale::Surface, -deepest)] {
                 let mut plane: Vec<f32> = (0..=1000).map(|k| least + (deepest - least) * k as f32 / 1000.0).collect();
                 plane.extend([0.0, f32::MIN_POSITIVE, 1e-7, thickness_mm as f32, deepest]);
                 let read = steps.decode(scale, &steps.encode(scale, plane.len(), 1, &plane)).expect("a PNG");
-                let half = 0.5 * steps.in_scale(scale).0 + 1e-7 * thickness_mm;
+                let half = 0.5 * steps.step_and_zero(scale).0 + 1e-7 * thickness_mm;
                 for (mm, read) in plane.iter().zip(&read.data) {
                     assert!((f64::from(*mm) - f64::from(*read)).abs() <= half, "{scale:?} {thickness_mm}: {mm} {read}");
                 }
@@ -112,9 +115,9 @@ mod tests {
     fn what_is_beyond_becomes_the_last_step_and_what_is_no_number_becomes_0() {
         let steps = Steps::new(&BOTH, DepthFormat::Png16, 3.0);
         let plane = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -4.0, -3.003, 0.0, 3.003, 4.0, f32::MAX, f32::MIN];
-        let stored = |scale| values(&steps.encode(scale, plane.len(), 1, &plane)).expect("a PNG").data;
-        assert_eq!(stored(Scale::Surface), [0, 0, 0, 1, 1, 32_768, 65_535, 65_535, 65_535, 1]);
-        assert_eq!(stored(Scale::Depth), [0, 0, 0, 0, 0, 0, 65_535, 65_535, 65_535, 0]);
+        let stored = |scale| decode_grey16(&steps.encode(scale, plane.len(), 1, &plane)).expect("a PNG").data;
+        assert_eq!(stored(StepScale::Surface), [0, 0, 0, 1, 1, 32_768, 65_535, 65_535, 65_535, 1]);
+        assert_eq!(stored(StepScale::Depth), [0, 0, 0, 0, 0, 0, 65_535, 65_535, 65_535, 0]);
     }
 
     #[test]
@@ -130,7 +133,7 @@ mod tests {
 
     #[test]
     fn another_kind_of_picture_is_refused() {
-        assert!(values(&png::encode_grey(1, 1, &[7])).is_err());
-        assert!(values(b"").is_err());
+        assert!(decode_grey16(&png::encode_grey(1, 1, &[7])).is_err());
+        assert!(decode_grey16(b"").is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! What people do with datasets and sensors.
+//! Tools around datasets and sensors: calibration, comparison, inspection, previews, reports, and the cost of accuracy.
 
 pub mod calibrate;
 pub mod compare;

@@ -1,4 +1,4 @@
-//! Counts and sizes as people read them.
+//! Counts, sizes and times in the form that people read.
 
 use std::fmt;
 
@@ -39,7 +39,7 @@ impl fmt::Display for HumanBytes {
     }
 }
 
-/// A time: `12.3 s`, `45 min`, `3.1 h`, `2.5 days`.
+/// A time in seconds: `12.3 s`, `45 min`, `3.1 h`, `2.5 days`.
 #[derive(Clone, Copy, Debug)]
 pub struct HumanDuration(pub f64);
 

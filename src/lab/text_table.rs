@@ -1,30 +1,30 @@
-//! Tables of figures for a terminal: columns as wide as they need to be, and where there is no room for all of them one table
-//! below another, each with the names of its rows.
+//! Tables of figures for a terminal. Columns are as wide as they need to be. If they do not all fit side by side,
+//! further tables with the remaining columns stand below, each with the names of its rows.
 
 use unicode_width::UnicodeWidthStr;
 
-/// A table: heads of one line or more, rows of as many cells. Names at the left, figures at the right.
+/// A table: one or more lines of heads, and rows with as many cells. The first column holds names, the others figures.
 pub struct TextTable {
     heads: usize,
     lines: Vec<Vec<String>>,
 }
 
-/// Between two columns.
+/// Space between two columns.
 const GAP: &str = "  ";
 
 impl TextTable {
-    /// One with these lines of heads.
+    /// Creates a table with these lines of heads.
     pub fn new<const COLUMNS: usize>(heads: &[[&str; COLUMNS]]) -> Self {
         let lines = heads.iter().map(|line| line.iter().map(|cell| (*cell).to_owned()).collect()).collect();
         Self { heads: heads.len(), lines }
     }
 
     /// Adds a row.
-    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
+    pub fn add_row(&mut self, cells: impl IntoIterator<Item = String>) {
         self.lines.push(cells.into_iter().collect());
     }
 
-    /// The text, within so many columns of a terminal where that is possible; each line ends.
+    /// Formats the table, within `columns` of a terminal where that is possible. Every line ends with a newline.
     pub fn render(&self, columns: Option<usize>) -> String {
         let count = self.lines.iter().map(Vec::len).max().unwrap_or_default();
         let width = |k: usize| {
@@ -48,10 +48,10 @@ impl TextTable {
             }
             for line in &self.lines {
                 let cell = |k: usize| line.get(k).map_or("", String::as_str);
-                let mut row = padded(cell(0), widths[0], false);
+                let mut row = pad_cell(cell(0), widths[0], false);
                 for (k, width) in widths.iter().enumerate().take(until).skip(from) {
                     row += GAP;
-                    row += &padded(cell(k), *width, true);
+                    row += &pad_cell(cell(k), *width, true);
                 }
                 text += row.trim_end();
                 text.push('\n');
@@ -61,13 +61,13 @@ impl TextTable {
         text
     }
 
-    /// True without a row.
+    /// Returns true if the table has no row besides its heads.
     pub fn is_empty(&self) -> bool {
         self.lines.len() == self.heads
     }
 }
 
-fn padded(cell: &str, width: usize, is_figure: bool) -> String {
+fn pad_cell(cell: &str, width: usize, is_figure: bool) -> String {
     let spaces = " ".repeat(width.saturating_sub(cell.width()));
     if is_figure { spaces + cell } else { cell.to_owned() + &spaces }
 }
@@ -80,8 +80,8 @@ mod tests {
     fn columns_without_room_stand_below_with_the_names_again() {
         let mut table = TextTable::new(&[["level", "error", "time"], ["", "um", "ms"]]);
         assert!(table.is_empty());
-        table.row(["high", "0.1", "40.5"].map(String::from));
-        table.row(["low", "12.0", "3"].map(String::from));
+        table.add_row(["high", "0.1", "40.5"].map(String::from));
+        table.add_row(["low", "12.0", "3"].map(String::from));
         let wide = "level  error  time\n          um    ms\nhigh     0.1  40.5\nlow     12.0     3\n";
         assert_eq!(table.render(None), wide);
         assert_eq!(table.render(Some(18)), wide);

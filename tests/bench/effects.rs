@@ -130,8 +130,8 @@ fn saved() {
             Err(report) => panic!("{report}"),
         };
         let everywhere = called.with_policy(EffectPolicy::All);
-        let count = called.layout.samples().min(48);
-        let step = called.layout.samples() / count;
+        let count = called.layout.sample_count().min(48);
+        let step = called.layout.sample_count() / count;
         let mut ms = [0.0; 2];
         for k in 0..count {
             for (plan, ms) in [&called, &everywhere].into_iter().zip(&mut ms) {

@@ -16,8 +16,10 @@ use criterion::{BenchmarkId, Criterion, criterion_group};
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::grid::Resolution;
 use gelsim_core::gelpad::elastic::Elastic;
-use gelsim_core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
-use gelsim_core::gelpad::elastic::kernel::kernel;
+use gelsim_core::gelpad::elastic::convolve::{
+    ConvolutionBuffers, ConvolutionShape, FftPlans, KernelSpectrum, TorusConvolution,
+};
+use gelsim_core::gelpad::elastic::kernel::layer_kernel;
 use realfft::RealFftPlanner;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;
@@ -171,15 +173,16 @@ fn convolution(c: &mut Criterion) {
     group.sample_size(20);
     for (width, height) in [(100, 96), (160, 154), (320, 240), (640, 480)] {
         let layer = sensor([640, 480]).layer();
-        let kernel = kernel(layer, [0.03125; 2], 18.0, [width, height]);
+        let kernel = layer_kernel(layer, [0.03125; 2], 18.0, [width, height]);
         let mut source = Grid::new(width, height);
         for (at, value) in source.data.iter_mut().enumerate() {
             *value = (at * 7919 % 1000) as f32;
         }
-        let shape = Shape { source: [width, height], offset: [0, 0], target: [width, height] };
-        let lengths = Lengths::new(2 * width);
-        let torus = Torus::new(&lengths, shape, [kernel.width, kernel.height], 0);
-        let (mut buffers, mut spectrum, mut found) = (Buffers::default(), Spectrum::default(), Grid::default());
+        let shape = ConvolutionShape { source: [width, height], offset: [0, 0], target: [width, height] };
+        let lengths = FftPlans::new(2 * width);
+        let torus = TorusConvolution::new(&lengths, shape, [kernel.width, kernel.height], 0);
+        let (mut buffers, mut spectrum, mut found) =
+            (ConvolutionBuffers::default(), KernelSpectrum::default(), Grid::default());
         torus.set_spectrum(&kernel, &mut buffers, &mut spectrum);
         torus.convolve(&spectrum, &source, &mut found, &mut buffers);
         let mut library = Library::new(torus.size(), &kernel);

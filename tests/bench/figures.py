@@ -3,20 +3,18 @@
     python tests/bench/figures.py GELSIM [PAGE...]
     python tests/bench/figures.py --list [PAGE...]
 
-Old figures are read from README.md and docs/*.md, new ones from what the command beside them prints or writes; which belong
+Old figures are read from README.md and docs/**/*.md, new ones from what the command beside them prints or writes; which belong
 together says measured.py. Each gets a line: page, what it is, old, new, how far it is off, how far it may be. Exit status 1 if an
 error or a ratio is beyond that, or a test or command fails. Times are printed and nothing else.
 
 A figure may be off by its tolerance (2 % of it, unless measured.py says otherwise) and half a unit of the last digit that the page
 gives. One that the page calls a bound ("within", "at most") may be lower by any amount.
 
-The figures of docs/accuracy.md need NumPy and Pillow, those of other simulators OpenCV; without these they are left out.
+The figures of docs/evidence/accuracy.md need NumPy and Pillow, those of other simulators OpenCV; without these they are left out.
 
-    --list                    says what would be measured and what is not, and why; needs neither program nor cargo
-    --mend                    writes new figures into the pages in place of those that are beyond, with as many digits
+    --list                    says what would be measured; needs neither program nor cargo
+    --update                  writes new figures into the pages in place of those that are beyond, with as many digits
     --executable TARGET=PATH  takes PATH for the test executable `library` or `lib`, in place of what cargo builds
-
-Every command of the pages that runs a test, a bench or a script of tests/ is either measured or has a reason in measured.py.
 """
 
 import argparse
@@ -138,14 +136,12 @@ class Table:
     """The first table after words that stand once in a page.
 
     `columns` has a letter for each column: `l` names the row, `e` holds errors or ratios, `b` bounds, `t` times, `-` is not
-    measured. A cell may hold several figures. A name that occurs again gets a number: `the same (2)`. `name` shortens it. A row
-    with a `*` has the figures of the sentence `ditto`.
+    measured. A cell may hold several figures. A name that occurs again gets a number: `a ball (2)`. `name` shortens it.
     """
 
     after: str
     columns: str
     name: Callable[[str], str] = collapsed
-    ditto: Sentence | None = None
 
     def read(self, text):
         if text.count(self.after) != 1:
@@ -167,9 +163,6 @@ class Table:
             label = self.name(collapsed(re.sub(r"[`*]", "", plain["l"])))
             seen[label] += 1
             label = label if seen[label] == 1 else f"{label} ({seen[label]})"
-            if self.ditto and any(cell[0].strip() == "*" for cell in cells):
-                (found[label],) = self.ditto.read(text).values()
-                continue
             found[label] = [
                 [
                     Old(f"{table}{label}, {title}", figure[0], row.start() + cell.start() + figure.start(), COLUMNS[kind])
@@ -275,14 +268,6 @@ def page_path(page):
     return ROOT / ("README.md" if page == "README" else f"docs/{page}.md")
 
 
-def measuring(text):
-    """The commands of a page that run a test, a bench or a script of tests/."""
-    runs = r"(?:[A-Z_]+=\S+ )?(?:cargo (?:test|bench|tree)\b|python3? tests/)"
-    blocks = re.findall(rf"(?m)^    ({runs}.*)$", text) + re.findall(rf"(?m)^({runs}.*)$", text)
-    spans = re.findall(rf"`({runs}[^`]*)`", re.sub(r"(?ms)^```.*?^```$", "", text))
-    return {collapsed(re.sub(r"\s+#.*$", "", command)) for command in blocks + spans}
-
-
 class Runner:
     """Runs each command once: tests together, an executable for each target, everything else in a folder of its own."""
 
@@ -365,11 +350,11 @@ def short(value):
     return f"{value:.4g}"
 
 
-def compare(chosen, runner, mend):
+def compare(chosen, runner, update):
     """Prints a line for each figure; how many there were of each outcome."""
-    counts, mended = Counter(), defaultdict(dict)
+    counts, changed = Counter(), defaultdict(dict)
     for figures in chosen:
-        name = page_path(figures.page).name
+        name = figures.page
         if figures.missing():
             print(f"{name}: left out, no module {figures.missing()}: {figures.line}")
             continue
@@ -386,12 +371,12 @@ def compare(chosen, runner, mend):
                 bound = "at most " if old.kind == BOUND else ""
                 print(f"{name}: {old.what}: old {bound}{old.text}, new {short(new)}, {off or 'a time'}: {outcome}")
                 if not holds:
-                    mended[figures.page][old.start] = (old, old.written(new))
+                    changed[figures.page][old.start] = (old, old.written(new))
         except (Stale, LookupError, ValueError, OSError) as why:
             counts["STALE"] += 1
             print(f"{name}: STALE: {type(why).__name__}: {why} [{figures.line}]")
-    if mend:
-        for page, figures in mended.items():
+    if update:
+        for page, figures in changed.items():
             text = page_path(page).read_text()
             for start, (old, new) in sorted(figures.items(), reverse=True):
                 text = text[:start] + new + text[start + len(old.text) :]
@@ -406,40 +391,29 @@ def listed(chosen):
             rows = figures.old(page_path(figures.page).read_text()).values()
         except Stale as why:
             counts["STALE"] += 1
-            print(f"{page_path(figures.page).name}: STALE: {why}")
+            print(f"{figures.page}: STALE: {why}")
             continue
         old = [figure for cells in rows for cell in cells for figure in cell]
         kinds = Counter(figure.kind for figure in old)
         test = f" [{figures.test}]" if figures.test else ""
         count = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in kinds.items())
-        print(f"{page_path(figures.page).name}: {count}: {figures.line}{test}: {old[0].what}")
+        print(f"{figures.page}: {count}: {figures.line}{test}: {old[0].what}")
     return counts
 
 
-def unaccounted(measured, not_rerun):
-    """Commands of pages that are neither measured nor have a reason, and reasons for commands that are in no page."""
-    there = set()
-    for path in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
-        # What a version had, its own entry says.
-        if not path.name.startswith("changelog"):
-            there |= measuring(path.read_text())
-    known = {figures.command for figures in measured} | set(not_rerun)
-    return sorted(there - known), sorted(set(not_rerun) - there)
-
-
 def main():
-    from measured import MEASURED, NOT_RERUN
+    from measured import MEASURED
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="GELSIM [PAGE...]")
     parser.add_argument("--list", action="store_true")
-    parser.add_argument("--mend", action="store_true")
+    parser.add_argument("--update", action="store_true")
     parser.add_argument("--executable", action="append", default=[], metavar="TARGET=PATH")
     arguments = parser.parse_args()
     program, pages = (None, arguments.names) if arguments.list else (arguments.names[:1], arguments.names[1:])
     if program == []:
         sys.exit(__doc__)
-    pages = [Path(page).name.removesuffix(".md") for page in pages]
+    pages = [page.removeprefix("docs/").removesuffix(".md") for page in pages]
     unknown = set(pages) - {figures.page for figures in MEASURED}
     if unknown:
         sys.exit(f"nothing is measured of {', '.join(sorted(unknown))}")
@@ -452,25 +426,16 @@ def main():
     else:
         executables = [pair.split("=", 1) for pair in arguments.executable]
         with Runner(program[0], executables, chosen) as runner:
-            counts = compare(chosen, runner, arguments.mend)
+            counts = compare(chosen, runner, arguments.update)
             failed = runner.failed
         print(
             f"\n{counts['ok'] + counts['BEYOND']} errors and ratios measured, {counts['BEYOND']} beyond; {counts['time']} times; "
             f"{counts['not measured']} in the same rows that no command measures; {counts['STALE']} places to look at; "
             f"{time.monotonic() - begun:.0f} s"
         )
-    if not pages:
-        print("\nNot measured here:")
-        for command, why in sorted(NOT_RERUN.items()):
-            print(f"  {command}: {why}")
-    loose, stale = unaccounted(MEASURED, NOT_RERUN)
     for command in failed:
         print(f"FAILED: {command}")
-    for command in loose:
-        print(f"neither measured nor with a reason in measured.py: {command}")
-    for command in stale:
-        print(f"has a reason in measured.py, and is in no page: {command}")
-    sys.exit(1 if counts["BEYOND"] or counts["STALE"] or failed or loose or stale else 0)
+    sys.exit(1 if counts["BEYOND"] or counts["STALE"] or failed else 0)
 
 
 if __name__ == "__main__":

@@ -11,28 +11,28 @@ use std::io::Cursor;
 
 use criterion::{BenchmarkId, Criterion, criterion_group};
 use gelsim_core::base::grid::Rect;
-use gelsim_core::base::rng::stream;
-use gelsim_core::base::simd::{Vectors, at_most};
+use gelsim_core::base::rng::random_stream;
+use gelsim_core::base::simd::{VectorWidth, with_width_limit};
 use gelsim_core::base::view::View;
-use gelsim_core::depth::{self, Window};
+use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::gelpad::Pad;
 use gelsim_core::gelpad::mean_blur::MeanBlur;
 use gelsim_core::mesh::cleaning::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
-use gelsim_core::optics::calibrated::{Calibrated, Shader, Table};
+use gelsim_core::optics::calibrated::response::{CalibrationResponse, INPUTS, OUTPUTS};
+use gelsim_core::optics::calibrated::{Calibrated, CalibratedShader, CalibrationTable};
 use gelsim_core::pose::Placement;
 use gelsim_dataset::encode;
-use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
+use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
 use gelsim_dataset::frames::read;
 use gelsim_dataset::frames::reader::FrameReader;
-use gelsim_dataset::frames::run::sample;
+use gelsim_dataset::frames::run::render_frame_sample;
 use gelsim_files::exr::{Compression, Exr, Pixel};
 use gelsim_files::{exr, npy, png};
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
-use gelsim_job::plan::frames::Frames;
+use gelsim_job::plan::frames::FrameSettings;
 use gelsim_job::sample::render;
 use gelsim_job::scene::Scene;
 use gelsim_lab::calibrate::{self, Geometry};
@@ -69,7 +69,7 @@ fn png_by_crate(rgb: &[u8]) -> Vec<u8> {
 }
 
 /// What the default model of the pad asks for at a depth of 0.7 mm.
-const WINDOW: Window = Window { margin_px: 144, above_mm: 0.28 };
+const WINDOW: CaptureWindow = CaptureWindow { margin_px: 144, above_mm: 0.28 };
 
 fn plan(object: &str) -> Plan {
     let text = format!(
@@ -106,7 +106,7 @@ fn capture(c: &mut Criterion) {
         let object = plate(triangles);
         let placement = Placement { rotation: turned, translation_mm: [-5.0, -14.0, -0.2] };
         group.bench_function(BenchmarkId::new("plate", name), |b| {
-            b.iter(|| depth::capture(black_box(&object), &placement, &CAMERA, WINDOW, 3.0));
+            b.iter(|| depth::capture_mesh(black_box(&object), &placement, &CAMERA, WINDOW, 3.0));
         });
     }
     for name in ["dots", "sphere"] {
@@ -114,13 +114,13 @@ fn capture(c: &mut Criterion) {
         let pose = Scene::draw(&plan, 0, 0).pose.placement();
         let object = &plan.sampling.objects[0].clusters;
         group.bench_function(BenchmarkId::new("bundled", name), |b| {
-            b.iter(|| depth::capture(black_box(object), &pose, &CAMERA, WINDOW, 3.0));
+            b.iter(|| depth::capture_mesh(black_box(object), &pose, &CAMERA, WINDOW, 3.0));
         });
     }
     let plan = plan("dots");
     let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0, 0).pose.placement() };
     group.bench_function(BenchmarkId::new("bundled", "out of reach"), |b| {
-        b.iter(|| depth::capture(black_box(&plan.sampling.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
+        b.iter(|| depth::capture_mesh(black_box(&plan.sampling.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
     });
     group.finish();
 }
@@ -139,10 +139,10 @@ fn stages(c: &mut Criterion) {
             b.iter(|| blur.press(black_box(&sample.impression.depth)))
         });
         group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| plan.simulator.light(black_box(&sample.impression.contact)));
+            b.iter(|| plan.simulator.shade_contact(black_box(&sample.impression.contact)));
         });
-        let light = plan.simulator.light(&sample.impression.contact);
-        let shot = plan.job().camera.resting();
+        let light = plan.simulator.shade_contact(&sample.impression.contact);
+        let shot = plan.job().camera.background_params();
         group.bench_function(BenchmarkId::new("expose", name), |b| {
             b.iter(|| {
                 plan.simulator.camera().expose(
@@ -179,7 +179,7 @@ fn stages(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("sample_with_files", name), |b| {
             b.iter(|| {
                 let sample = render(black_box(&plan), 0);
-                encode::members(&plan, &sample)
+                encode::encode_members(&plan, &sample)
             });
         });
     }
@@ -187,13 +187,14 @@ fn stages(c: &mut Criterion) {
 }
 
 /// Light as a calibration gives it, with as many units as one has; the weights are drawn.
-fn measured() -> Table {
-    let mut random = stream(1, "calibration", 0);
-    let mut weight = || (0.2 * random.normal()) as f32;
+fn measured() -> CalibrationTable {
+    let mut random = random_stream(1, "calibration", 0);
+    let mut weight = || (0.2 * random.standard_normal()) as f32;
     let hidden: Vec<_> = (0..36).map(|_| std::array::from_fn(|_| weight())).collect();
     let outputs = (0..OUTPUTS).map(|_| (0..hidden.len() + INPUTS + 1).map(|_| weight()).collect()).collect();
-    let response = Response { height_mm: 0.7, place_mm: 10.0, heights_mm: [-0.1, 0.7], steepest: 0.7, hidden, outputs };
-    calibrate::table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.95 })
+    let response =
+        CalibrationResponse { height_mm: 0.7, place_mm: 10.0, heights_mm: [-0.1, 0.7], steepest: 0.7, hidden, outputs };
+    calibrate::build_table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.95 })
 }
 
 /// Measured light of a ball, and of a surface that is bent everywhere, beside Phong's. Aim: 3 ms at the spacing
@@ -211,10 +212,10 @@ fn light(c: &mut Criterion) {
     waves.region = Rect::whole(width, waves.surface.height);
     for (name, contact) in [("ball", &ball), ("bent everywhere", &waves)] {
         group.bench_function(BenchmarkId::new("phong", name), |b| {
-            b.iter(|| plan.simulator.light(black_box(contact)));
+            b.iter(|| plan.simulator.shade_contact(black_box(contact)));
         });
         for spacing_mm in [Calibrated::default().spacing_mm, 0.125, 0.0625] {
-            let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
+            let shader = CalibratedShader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
             let id = BenchmarkId::new(format!("calibrated_{spacing_mm}_mm"), name);
             group.bench_function(id, |b| {
                 b.iter(|| shader.shade(black_box(contact), plan.simulator.background(), &mut ledger()));
@@ -230,7 +231,7 @@ fn frames(c: &mut Criterion) {
     let mut group = c.benchmark_group("streamed_frame");
     let resolution_px = [320, 240];
     let overrides = Overrides::default();
-    let wanted = Frames {
+    let wanted = FrameSettings {
         sensor: "gelsight-2014",
         resolution_px,
         layers: &[],
@@ -239,42 +240,42 @@ fn frames(c: &mut Criterion) {
         sequence: false,
         overrides: &overrides,
     };
-    let plan = wanted.plan().unwrap_or_else(|report| panic!("{report}"));
+    let plan = wanted.resolve_plan().unwrap_or_else(|report| panic!("{report}"));
     let camera = DepthCamera {
-        unit: Unit::Millimetre,
+        unit: DepthUnit::Millimetre,
         plane_mm: 10.0,
         max_depth_mm: None,
         background: None,
         flip: [false; 2],
         offset_px: [0.0; 2],
-        projection: Projection::Orthographic,
-        along: Along::Axis,
+        projection: DepthProjection::Orthographic,
+        along: DistanceAlong::Axis,
     };
     let reader =
         FrameReader::new(camera, &plan.simulator, resolution_px).unwrap_or_else(|problem| panic!("{problem:?}"));
     let seen = |bytes: &[u8]| {
-        let frame = read::decode(bytes).unwrap_or_else(|reason| panic!("{reason}"));
+        let frame = read::decode_frame(bytes).unwrap_or_else(|reason| panic!("{reason}"));
         reader.read(frame).unwrap_or_else(|problem| panic!("{problem:?}"))
     };
     for name in ["dots", "sphere", "flat_face"] {
         let pressed = self::plan(name);
         let scene = Scene::draw(&pressed, 0, 0);
-        let captured = depth::captured(
+        let captured = depth::capture_indenter(
             &scene.indenter(&pressed),
             plan.simulator.view(),
-            Window { margin_px: 0, above_mm: 50.0 },
+            CaptureWindow { margin_px: 0, above_mm: 50.0 },
             pressed.thickness_mm(),
         );
         let distances: Vec<f32> = captured.penetration.data.iter().map(|mm| 10.0 - mm).collect();
         let bytes = npy::encode(320, 240, &[&distances]);
         group.bench_function(BenchmarkId::new("whole", name), |b| {
             b.iter(|| {
-                let image = sample(&plan, 0, "frame", seen(black_box(&bytes)), None).impression.image;
+                let image = render_frame_sample(&plan, 0, "frame", seen(black_box(&bytes)), None).impression.image;
                 npy::encode_rgb(image.width, image.height, &image.rgb)
             });
         });
         if name == "sphere" {
-            let image = sample(&plan, 0, "frame", seen(&bytes), None).impression.image;
+            let image = render_frame_sample(&plan, 0, "frame", seen(&bytes), None).impression.image;
             group.bench_function(BenchmarkId::new("floor", name), |b| {
                 b.iter(|| {
                     let reach = seen(black_box(&bytes)).reach();
@@ -291,9 +292,9 @@ fn vectors(c: &mut Criterion) {
     let mut group = c.benchmark_group("vectors");
     for name in ["dots", "sphere"] {
         let plan = plan(name);
-        for vectors in Vectors::ALL {
+        for vectors in VectorWidth::ALL {
             group.bench_function(BenchmarkId::new(format!("{vectors:?}").to_lowercase(), name), |b| {
-                b.iter(|| at_most(vectors, || render(black_box(&plan), 0)));
+                b.iter(|| with_width_limit(vectors, || render(black_box(&plan), 0)));
             });
         }
     }

@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use gelsim_core::base::simd::simd_dispatch;
-use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
+use gelsim_core::optics::calibrated::taxim::{LookupScratch, TaximCalibration, TaximLookup};
 
 const SIZE: [usize; 2] = [640, 480];
 const BINS: usize = 125;
@@ -23,11 +23,11 @@ fn waves(steepness: f64) -> [Vec<f32>; 2] {
 
 fn colours(c: &mut Criterion) {
     let polynomials = || (0..BINS * BINS).map(|bin| [1e-5, 1e-5, 1e-5, 0.01, 0.01, bin as f32 / 500.0]).collect();
-    let taxim = Taxim { bins: BINS, resolution_px: SIZE, polynomials: [(); 3].map(|()| polynomials()) };
-    let lookup = Lookup::new(&taxim, SIZE);
+    let taxim = TaximCalibration { bins: BINS, resolution_px: SIZE, polynomials: [(); 3].map(|()| polynomials()) };
+    let lookup = TaximLookup::new(&taxim, SIZE);
     let mut group = c.benchmark_group("taxim");
     let mut planes = [(); 3].map(|()| vec![0.0; SIZE[0] * SIZE[1]]);
-    let mut scratch = Scratch::default();
+    let mut scratch = LookupScratch::default();
     for (name, steepness) in [("gentle", 0.3), ("steep", 3.0)] {
         let [right, down] = waves(steepness);
         group.bench_function(name, |b| {
@@ -39,7 +39,7 @@ fn colours(c: &mut Criterion) {
                         for y in 0..SIZE[1] {
                             let row = y * SIZE[0]..(y + 1) * SIZE[0];
                             let change = [&mut red[row.clone()], &mut green[row.clone()], &mut blue[row.clone()]];
-                            lookup.row(y, 0, [&right[row.clone()], &down[row]], &mut scratch, change);
+                            lookup.compute_row_change(y, 0, [&right[row.clone()], &down[row]], &mut scratch, change);
                         }
                     },
                 );
@@ -47,7 +47,7 @@ fn colours(c: &mut Criterion) {
             });
         });
     }
-    group.bench_function("ready", |b| b.iter(|| Lookup::new(black_box(&taxim), SIZE)));
+    group.bench_function("ready", |b| b.iter(|| TaximLookup::new(black_box(&taxim), SIZE)));
     group.finish();
 }
 

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-use gelsim_dataset::generate::{Request, Watch, generate};
+use gelsim_dataset::generate::{GenerateRequest, RunMonitor, generate};
 use gelsim_job::plan::Plan;
 
 /// A job with one object in many poses at one rung.
@@ -52,9 +52,9 @@ struct Measured {
 
 fn measure(plan: &Plan, threads: usize, root: &Path) -> Measured {
     let _ = std::fs::remove_dir_all(root);
-    let request = Request { root: root.to_owned(), shards: None, threads: Some(threads), overwrite: false };
+    let request = GenerateRequest { root: root.to_owned(), shards: None, threads: Some(threads), overwrite: false };
     let (cpu, wall) = (cpu_seconds()[0], Instant::now());
-    let done = match generate(plan, &request, &Watch::default()) {
+    let done = match generate(plan, &request, &RunMonitor::default()) {
         Ok(done) => done,
         Err(stopped) => panic!("{stopped:?}"),
     };

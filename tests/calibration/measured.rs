@@ -1,5 +1,5 @@
 //! What holds for the light of every table: nothing where the pad is flat, bounded and finite whatever the surface, the
-//! same on every processor and with any number of threads, at every rung, and from its file.
+//! same on every processor and with any number of threads, at every level, and from its file.
 
 use std::sync::LazyLock;
 
@@ -8,25 +8,25 @@ use gelsim_core::base::simd;
 use gelsim_core::effects::EffectPolicy;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad::Contact;
-use gelsim_core::optics::calibrated::Table;
-use gelsim_dataset::encode::json;
+use gelsim_core::optics::calibrated::CalibrationTable;
+use gelsim_dataset::encode::to_json_line;
 use gelsim_files::sensor::Sensor;
 use gelsim_job::sample::render;
-use gelsim_lab::calibrate::run::{Calibration, Request, run};
-use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::run::{Calibration, CalibrationRequest, calibrate};
+use gelsim_lab::calibrate::train::TrainingSettings;
 use image::RgbImage;
 
 use super::recovery::GOOD;
 use super::sensor::{BACKGROUND, BALLS, CAMERA, UNSEEN, light, presses, rest, session, surface};
 use crate::plan::plan;
 
-/// Distances of the pixels between which light is interpolated, mm: the rungs', a wide one, none.
+/// Distances of the pixels between which light is interpolated, mm: the levels', a wide one, none.
 const SPACINGS_MM: [f64; 3] = [0.25, 0.6, 0.0];
 
-static TABLE: LazyLock<Table> = LazyLock::new(|| GOOD.table.clone());
+static TABLE: LazyLock<CalibrationTable> = LazyLock::new(|| GOOD.table.clone());
 
 fn picture(light: &Light) -> RgbImage {
-    gelsim_lab::calibrate::picture(light, &rest())
+    gelsim_lab::calibrate::light_to_rgb(light, &rest())
 }
 
 /// Some presses of every object.
@@ -49,8 +49,8 @@ fn a_flat_pad_is_the_background_byte_for_byte() {
 fn no_surface_gives_light_that_is_not_finite_or_beyond_its_bound() {
     let like = &BALLS[0].contact;
     let wide = like.surface.width as f32;
-    let mut random = gelsim_core::base::rng::stream(8, "relief", 0);
-    let rough: Vec<f32> = like.surface.data.iter().map(|_| 3.5 * random.unit() as f32).collect();
+    let mut random = gelsim_core::base::rng::random_stream(8, "relief", 0);
+    let rough: Vec<f32> = like.surface.data.iter().map(|_| 3.5 * random.uniform() as f32).collect();
     let surfaces = [
         ("all pressed down to the shell", surface(like, |_, _| 3.5)),
         ("a wall", surface(like, |x, _| if x > 100 { 1e3 } else { 0.0 })),
@@ -114,11 +114,12 @@ fn processors_without_wide_vectors_give_the_same_bits() {
 
 #[test]
 fn the_number_of_threads_moves_no_bit_of_a_table() {
-    let settings = Settings { networks: 2, units: 6, steps: 30, batch: 256, rate: 1e-2, decay: 0.1 };
-    let request = Request { thickness_mm: None, contact_over_disc: Some(0.95), drops_bad: true, settings };
+    let settings = TrainingSettings { networks: 2, units: 6, steps: 30, batch: 256, rate: 1e-2, decay: 0.1 };
+    let request =
+        CalibrationRequest { thickness_mm: None, contact_over_disc: Some(0.95), drops_outliers: true, settings };
     let on = |threads: usize| -> Calibration {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-        pool.install(|| run(session(BALLS.iter().take(8)), &request)).expect("presses enough")
+        pool.install(|| calibrate(session(BALLS.iter().take(8)), &request)).expect("presses enough")
     };
     let (one, many) = (on(1), on(5));
     assert!(one.table == many.table && one.geometry == many.geometry);
@@ -129,23 +130,23 @@ fn the_number_of_threads_moves_no_bit_of_a_table() {
 
 #[test]
 fn a_table_is_the_same_from_its_file() {
-    assert_eq!(gelsim_files::calibration::parse(&json(&*TABLE)).as_ref(), Ok(&*TABLE));
+    assert_eq!(gelsim_files::calibration::parse_calibration(&to_json_line(&*TABLE)).as_ref(), Ok(&*TABLE));
 }
 
 #[test]
-fn every_rung_runs_and_nears_the_reference() {
+fn every_level_runs_and_nears_the_reference() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = |name: &str| folder.path().join(name);
     BACKGROUND.save(path("rest.png")).expect("an image");
-    std::fs::write(path("table.json"), json(&*TABLE)).expect("a file");
+    std::fs::write(path("table.json"), to_json_line(&*TABLE)).expect("a file");
     let sensor = Sensor {
         background: Some(String::from("rest.png")),
         calibration: Some(String::from("table.json")),
-        ..GOOD.session.sensor(GOOD.geometry.thickness_mm)
+        ..GOOD.session.sensor_at_thickness(GOOD.geometry.thickness_mm)
     };
     std::fs::write(path("sensor.toml"), toml::to_string(&sensor).expect("TOML")).expect("a file");
     let plan = plan(&format!(
-        "dataset = {{ name = 'rungs', samples = 6, seed = 5 }}\nsensor.file = '{}'\nindentation.depth_mm = [0.3, 0.6]\n\
+        "dataset = {{ name = 'levels', samples = 6, seed = 5 }}\nsensor.file = '{}'\nindentation.depth_mm = [0.3, 0.6]\n\
          object = [{{ path = 'objects/sphere.obj' }}, {{ path = 'objects/dots.obj' }}]\n\
          pose = {{ x_mm = [-3.0, 3.0], y_mm = [-2.0, 2.0] }}\noutput.layers = []\n",
         path("sensor.toml").display()
@@ -153,11 +154,15 @@ fn every_rung_runs_and_nears_the_reference() {
     assert_eq!((plan.simulator.models().optics.name(), *plan.simulator.view()), ("calibrated", CAMERA));
     let reference = plan.with_fidelity(Fidelity::Reference);
     // In the order of `Fidelity::ALL`, levels.
-    for (rung, bound) in Fidelity::ALL.into_iter().zip([20.0, 5.0, 3.0, 2.0, 0.0]) {
-        let plan = plan.with_fidelity(rung);
-        let errors = (0..plan.layout.samples()).map(|index| {
+    for (level, bound) in Fidelity::ALL.into_iter().zip([20.0, 5.0, 3.0, 2.0, 0.0]) {
+        let plan = plan.with_fidelity(level);
+        let errors = (0..plan.layout.sample_count()).map(|index| {
             let (sample, best) = (render(&plan, index), render(&reference, index));
-            assert!(sample.label.health.finite && sample.label.models.optics_model == "calibrated");
+            assert!(
+                sample.label.health.finite && sample.label.models.optics_model == "calibrated",
+                "{:?}",
+                sample.label.models
+            );
             let [x0, y0, x1, y1] = best.label.contact.bbox_px.map(|px| px as usize);
             let at = |x: usize, y: usize| 3 * (y * CAMERA.resolution_px[0] + x);
             let rows = (y0..y1).flat_map(|y| at(x0, y)..at(x1, y));
@@ -167,8 +172,8 @@ fn every_rung_runs_and_nears_the_reference() {
                 .sum::<f64>();
             levels / rows.count().max(1) as f64
         });
-        let error = errors.sum::<f64>() / plan.layout.samples() as f64;
-        println!("{}: {error:.2} levels from the reference", rung.name());
-        assert!(error <= bound, "{}: {error} levels, at most {bound}", rung.name());
+        let error = errors.sum::<f64>() / plan.layout.sample_count() as f64;
+        println!("{}: {error:.2} levels from the reference", level.name());
+        assert!(error <= bound, "{}: {error} levels, at most {bound}", level.name());
     }
 }

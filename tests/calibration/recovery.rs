@@ -4,11 +4,11 @@
 
 use std::sync::LazyLock;
 
-use gelsim_core::base::rng::stream;
-use gelsim_core::optics::calibrated::Table;
+use gelsim_core::base::rng::random_stream;
+use gelsim_core::optics::calibrated::CalibrationTable;
 use gelsim_lab::calibrate::outliers::OutlierReason;
-use gelsim_lab::calibrate::run::{Calibration, Request, run};
-use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::run::{Calibration, CalibrationRequest, calibrate};
+use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Observation, Session};
 
 use super::sensor::{
@@ -16,28 +16,30 @@ use super::sensor::{
 };
 
 /// A smaller model, learnt in a hurry.
-const QUICK: Settings = Settings { networks: 2, units: 12, steps: 500, batch: 1024, rate: 1e-2, decay: 0.1 };
+const QUICK: TrainingSettings =
+    TrainingSettings { networks: 2, units: 12, steps: 500, batch: 1024, rate: 1e-2, decay: 0.1 };
 
 /// Where nothing has to be chosen.
-fn told() -> Request {
-    Request {
+fn known_geometry() -> CalibrationRequest {
+    CalibrationRequest {
         thickness_mm: Some(THICKNESS_MM),
         contact_over_disc: Some(CONTACT_OVER_DISC),
-        drops_bad: false,
+        drops_outliers: false,
         settings: QUICK,
     }
 }
 
 /// From good presses, with everything left to be chosen.
-pub static GOOD: LazyLock<Calibration> =
-    LazyLock::new(|| calibrated(session(BALLS.iter()), &Request { settings: QUICK, ..Request::default() }));
+pub static GOOD: LazyLock<Calibration> = LazyLock::new(|| {
+    calibrated(session(BALLS.iter()), &CalibrationRequest { settings: QUICK, ..CalibrationRequest::default() })
+});
 
-fn calibrated(session: Session, request: &Request) -> Calibration {
-    run(session, request).expect("presses enough")
+fn calibrated(session: Session, request: &CalibrationRequest) -> Calibration {
+    calibrate(session, request).expect("presses enough")
 }
 
 /// Errors on unseen presses of each object, printed; none over its bound.
-fn assert_errors(what: &str, table: &Table, bounds: [f64; 4]) {
+fn assert_errors(what: &str, table: &CalibrationTable, bounds: [f64; 4]) {
     let errors = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |c| simulated(table, c)));
     println!("{what}: {errors:.2?}");
     for ((error, bound), (name, _)) in errors.iter().zip(bounds).zip(&*super::sensor::UNSEEN) {
@@ -52,7 +54,7 @@ fn names<'a>(doubted: impl Iterator<Item = (&'a String, &'a Vec<OutlierReason>)>
 #[test]
 fn good_presses_teach_the_light_of_unseen_presses_and_shapes() {
     let (found, table) = (&*GOOD, GOOD.table.clone());
-    println!("{:?}, cross-validated {:?}", found.geometry, found.errors());
+    println!("{:?}, cross-validated {:?}", found.geometry, found.mean_errors());
     assert!((found.geometry.contact_over_disc - CONTACT_OVER_DISC).abs() <= 0.031, "{:?}", found.geometry);
     let bare = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, |_| BACKGROUND.clone()));
     let phong = super::sensor::UNSEEN.each_ref().map(|(_, presses)| mean_error(presses, uncalibrated));
@@ -72,16 +74,16 @@ fn good_presses_teach_the_light_of_unseen_presses_and_shapes() {
 fn circles_that_are_off_by_two_pixels_cost_little() {
     let mut session = session(BALLS.iter());
     for (k, observation) in session.observations.iter_mut().enumerate() {
-        let mut random = stream(1, "x", k as u64);
-        let (sin, cos) = (std::f64::consts::TAU * random.unit()).sin_cos();
+        let mut random = random_stream(1, "x", k as u64);
+        let (sin, cos) = (std::f64::consts::TAU * random.uniform()).sin_cos();
         let [x, y] = observation.circle.centre_px;
         observation.circle.centre_px = [x + 2.0 * cos, y + 2.0 * sin];
     }
-    assert_errors("2 px off", &calibrated(session, &told()).table, [2.7, 2.1, 10.6, 3.3]);
+    assert_errors("2 px off", &calibrated(session, &known_geometry()).table, [2.7, 2.1, 10.6, 3.3]);
 }
 
 /// Three of thirty presses are wrong: a circle elsewhere, one too large, one too small.
-fn spoil(observations: &mut [Observation]) -> [String; 3] {
+fn spoil_three(observations: &mut [Observation]) -> [String; 3] {
     let [x, y] = observations[4].circle.centre_px;
     observations[4].circle.centre_px = [x + if x > 100.0 { -30.0 } else { 30.0 }, y];
     observations[11].circle.radius_px *= 1.6;
@@ -92,8 +94,8 @@ fn spoil(observations: &mut [Observation]) -> [String; 3] {
 #[test]
 fn bad_presses_are_named_and_left_out_if_that_is_wished() {
     let mut session = session(BALLS.iter());
-    let bad = spoil(&mut session.observations);
-    let kept = calibrated(session.clone(), &told());
+    let bad = spoil_three(&mut session.observations);
+    let kept = calibrated(session.clone(), &known_geometry());
     let doubted =
         names(kept.session.observations.iter().map(|observation| &observation.file).zip(&kept.outlier_reasons));
     println!("doubted {doubted:?}");
@@ -101,7 +103,7 @@ fn bad_presses_are_named_and_left_out_if_that_is_wished() {
     assert!(doubted.len() <= bad.len() + 1 && kept.dropped.is_empty(), "{doubted:?}");
     assert_errors("bad presses kept", &kept.table, [2.0, 1.8, 13.2, 3.2]);
 
-    let left = calibrated(session, &Request { drops_bad: true, ..told() });
+    let left = calibrated(session, &CalibrationRequest { drops_outliers: true, ..known_geometry() });
     let dropped = names(left.dropped.iter().map(|(file, doubts)| (file, doubts)));
     println!("dropped {dropped:?}");
     assert!(bad.iter().all(|file| dropped.contains(&file.as_str())), "{dropped:?}");
@@ -112,13 +114,17 @@ fn bad_presses_are_named_and_left_out_if_that_is_wished() {
 
 #[test]
 fn ten_presses_are_enough_for_a_rough_light() {
-    assert_errors("10 presses", &calibrated(session(BALLS.iter().take(10)), &told()).table, [2.4, 1.9, 14.4, 3.4]);
+    assert_errors(
+        "10 presses",
+        &calibrated(session(BALLS.iter().take(10)), &known_geometry()).table,
+        [2.4, 1.9, 14.4, 3.4],
+    );
 }
 
 #[test]
 fn where_nothing_was_pressed_the_light_stays_sane() {
     let left = presses("sphere", "x_mm = [-5.6, -0.5]\ny_mm = [-3.8, 3.8]", "[0.2, 0.7]", 20);
-    let table = calibrated(session(&left), &told()).table;
+    let table = calibrated(session(&left), &known_geometry()).table;
     let right = presses("sphere", "x_mm = [2.0, 5.5]\ny_mm = [-3.7, 3.7]", "[0.25, 0.65]", 6);
     let error = |presses: &[Press]| mean_error(presses, |contact| simulated(&table, contact));
     let bare = mean_error(&right, |_| BACKGROUND.clone());

@@ -1,22 +1,22 @@
-//! The sensor that is to be found out: an elastic pad at the reference rung, four near coloured LEDs with shadows, loss
-//! of light towards the corners, a noisy camera, and people who draw circles larger than the contact.
+//! The sensor that is to be found out: an elastic pad at the reference level, four near coloured LEDs with shadows,
+//! loss of light towards the corners, a noisy camera, and people who draw circles larger than the contact.
 
 use std::sync::LazyLock;
 
 use gelsim_core::base::grid::Rect;
 use gelsim_core::base::light::Light;
-use gelsim_core::base::rng::stream;
+use gelsim_core::base::rng::random_stream;
 use gelsim_core::base::view::View;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::optics::background::BackgroundImage;
-use gelsim_core::optics::calibrated::{self, Calibrated, Table};
+use gelsim_core::optics::calibrated::{self, Calibrated, CalibrationTable};
 use gelsim_core::optics::{LightSource, Shader};
 use gelsim_files::sensor::Sensor;
 use gelsim_job::label::Label;
 use gelsim_job::sample::render;
-use gelsim_lab::calibrate::{Observation, Session, picture};
+use gelsim_lab::calibrate::{Observation, Session, light_to_rgb};
 use gelsim_lab::metrics::image::mae;
 use gelsim_lab::presses::Circle;
 use image::{RgbImage, imageops};
@@ -101,10 +101,10 @@ fn rgb(bytes: &[u8]) -> RgbImage {
 }
 
 fn noisy(image: &RgbImage, levels: f64, seed: u64) -> RgbImage {
-    let mut random = stream(seed, "noise", 0);
+    let mut random = random_stream(seed, "noise", 0);
     let mut picture = image.clone();
     for value in picture.iter_mut() {
-        *value = (f64::from(*value) + levels * random.normal()).round().clamp(0.0, 255.0) as u8;
+        *value = (f64::from(*value) + levels * random.standard_normal()).round().clamp(0.0, 255.0) as u8;
     }
     picture
 }
@@ -153,14 +153,14 @@ pub fn rest() -> BackgroundImage {
 }
 
 /// A table's light of a surface.
-pub fn light(table: &Table, spacing_mm: f64, contact: &Contact, gate: EffectPolicy) -> Light {
-    let shader = calibrated::Shader::new(Calibrated { spacing_mm }, Some(table), &CAMERA);
+pub fn light(table: &CalibrationTable, spacing_mm: f64, contact: &Contact, gate: EffectPolicy) -> Light {
+    let shader = calibrated::CalibratedShader::new(Calibrated { spacing_mm }, Some(table), &CAMERA);
     shader.shade(contact, &rest(), &mut EffectLog::new(gate))
 }
 
 /// A table's picture of a surface.
-pub fn simulated(table: &Table, contact: &Contact) -> RgbImage {
-    picture(&light(table, Calibrated::default().spacing_mm, contact, EffectPolicy::WhereNeeded), &rest())
+pub fn simulated(table: &CalibrationTable, contact: &Contact) -> RgbImage {
+    light_to_rgb(&light(table, Calibrated::default().spacing_mm, contact, EffectPolicy::WhereNeeded), &rest())
 }
 
 /// The picture of a surface by those who do not calibrate.
@@ -168,7 +168,7 @@ pub fn uncalibrated(contact: &Contact) -> RgbImage {
     let model = Fidelity::Standard.models(LightSource::Leds).optics;
     let shader = Shader::new(&model, None, &session([]).sensor.illumination(), &CAMERA, None);
     let (rest, mut effects) = (rest(), EffectLog::new(EffectPolicy::WhereNeeded));
-    picture(&shader.shade(contact, &rest, &mut effects).whole(), &rest)
+    light_to_rgb(&shader.shade(contact, &rest, &mut effects).into_light(), &rest)
 }
 
 /// Mean absolute error around the contact, levels: in the box that holds it.

@@ -45,7 +45,7 @@ pub fn assert_mended(folder: &Folder, said: &str) {
     }
     let problem = &problem;
     let Ok(job) = std::fs::read_to_string(folder.path("job.toml")) else { return };
-    for mended in followed(&job, problem) {
+    for mended in follow_advice(&job, problem) {
         folder.write("job.toml", mended.as_str());
         let output = folder.gelsim("plan job.toml --samples 1 --quiet").output().expect("it runs");
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -56,7 +56,7 @@ pub fn assert_mended(folder: &Folder, said: &str) {
 }
 
 /// The job with the advice followed: once for each way out that a help spells.
-fn followed(job: &str, problem: &Diagnostic) -> Vec<String> {
+fn follow_advice(job: &str, problem: &Diagnostic) -> Vec<String> {
     let mut place = problem.place.rsplit(':').map_while(|part| part.parse::<usize>().ok());
     let (Some(column), Some(line)) = (place.next(), place.next()) else { return Vec::new() };
     let lines: Vec<&str> = job.lines().collect();

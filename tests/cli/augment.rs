@@ -548,7 +548,7 @@ fn an_image_that_cannot_be_unpacked_ends_the_run_and_nothing_is_left_of_it() {
     folder.write("real/images/000000011.png", image);
     let text = folder.fail("augment augment.toml --out larger", 1);
     assert!(text.contains("real/images/000000011.png: ") && text.contains("nothing was written"), "{text}");
-    assert!(text.contains("put a sound image there, or take it out of the set"), "{text}");
+    assert!(text.contains("put a valid image there, or remove it from the set"), "{text}");
     let left: Vec<_> = folder.files("").into_keys().filter(|name| name.contains("larger")).collect();
     assert!(left.is_empty(), "{left:?}");
 }

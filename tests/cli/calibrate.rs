@@ -163,7 +163,7 @@ fn calibrated(folder: &Folder, threads: &str) -> (BTreeMap<String, Vec<u8>>, Str
 
 /// One test, because a fit takes seconds; two fits side by side.
 #[test]
-fn a_sensor_is_written_whole_the_same_each_time_and_makes_datasets() {
+fn a_sensor_is_complete_the_same_each_time_and_makes_datasets() {
     let fit = |threads: &str| {
         let folder = good();
         // The first circle is left to be found, the last is wrong.
@@ -281,7 +281,7 @@ fn a_hopeless_set_of_presses_is_no_sensor() {
 }
 
 /// Dots on a grid, printed on the pad: dark discs of 3 px radius every 12 px.
-fn dotted(mut picture: RgbImage) -> RgbImage {
+fn with_printed_dots(mut picture: RgbImage) -> RgbImage {
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
         let off = |at: u32| (f64::from(at) % 12.0) - 6.0;
         if off(x).hypot(off(y)) < 2.2 {
@@ -294,9 +294,9 @@ fn dotted(mut picture: RgbImage) -> RgbImage {
 #[test]
 fn printed_dots_are_masked_and_stand_in_the_sensor_file() {
     let folder = good();
-    dotted(rest()).save(folder.path("rest.png")).expect("an image");
+    with_printed_dots(rest()).save(folder.path("rest.png")).expect("an image");
     for (k, circle) in CIRCLES.into_iter().enumerate() {
-        dotted(pressed(circle)).save(folder.path(&format!("{k}.png"))).expect("an image");
+        with_printed_dots(pressed(circle)).save(folder.path(&format!("{k}.png"))).expect("an image");
     }
     let assert = folder.gelsim(&format!("{CALIBRATE} --steps 150 --keep-anyway")).assert().success();
     let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
@@ -368,7 +368,7 @@ fn leds_alone_are_fitted_from_three_presses_and_render() {
 }
 
 #[test]
-fn surfaces_are_written_whole_the_same_on_any_threads_and_nothing_else_is_lost() {
+fn surfaces_are_complete_the_same_on_any_threads_and_nothing_else_is_lost() {
     let folder = good();
     let calibrate = "calibrate --leds presses.csv --background rest.png --out mine.toml --thickness-mm 4 --surfaces";
     folder.succeed(&format!("{calibrate} one --threads 1"));
@@ -424,7 +424,7 @@ fn surfaces_are_written_whole_the_same_on_any_threads_and_nothing_else_is_lost()
     }
 }
 
-fn evaluated(folder: &Folder, more: &str) -> (String, String) {
+fn run_evaluate(folder: &Folder, more: &str) -> (String, String) {
     let arguments = format!("calibrate --evaluate presses.csv --sensor sensor.toml --out out{more}");
     let assert = folder.gelsim(&arguments).assert().success();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -435,7 +435,7 @@ fn evaluated(folder: &Folder, more: &str) -> (String, String) {
 fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_images() {
     let folder = good();
     add_sensor(&folder);
-    let (shown, said) = evaluated(&folder, "");
+    let (shown, said) = run_evaluate(&folder, "");
     assert!(
         said.contains("of what presses change around the contact unexplained") && said.ends_with("-> out\n"),
         "{said}"
@@ -471,7 +471,7 @@ fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_image
     let said = folder.fail("calibrate --evaluate presses.csv --sensor sensor.toml --out out", 1);
     assert!(said.contains("5 images show nothing that is not in the background: 2.png"), "{said}");
     assert_same_files(&pictures, &folder.files("out"));
-    let (shown, said) = evaluated(&folder, " --keep-anyway");
+    let (shown, said) = run_evaluate(&folder, " --keep-anyway");
     assert_same_files(&pictures, &folder.files("out"));
     assert!(shown.contains("\nmean of 5 ") && shown.contains("\n0.png "), "{shown}");
     for line in [
@@ -488,7 +488,7 @@ fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_image
     for name in ["big.png", "far.png"] {
         pressed(CIRCLES[0]).save(folder.path(name)).expect("an image");
     }
-    let (shown, said) = evaluated(&folder, " --fidelity draft --keep-anyway");
+    let (shown, said) = run_evaluate(&folder, " --fidelity draft --keep-anyway");
     assert!(
         said.contains("big.png: its circle is too large for its ball") && shown.contains("mean of 2"),
         "{shown}{said}"

@@ -2,9 +2,9 @@
 
 use std::fs;
 
-use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS};
+use gelsim_core::optics::calibrated::response::{CalibrationResponse, INPUTS, OUTPUTS, TERMS};
 use gelsim_dataset::encode;
-use gelsim_lab::calibrate::{Geometry, table};
+use gelsim_lab::calibrate::{Geometry, build_table};
 use image::{Rgb, RgbImage};
 
 use crate::support::{Folder, JOB, assert_same_files, edited};
@@ -28,10 +28,16 @@ fn measured() -> String {
         rows[2][0] = 0.0625;
     }
     let hidden = vec![[0.5; INPUTS + 1]];
-    let response =
-        Response { height_mm: 0.5, place_mm: 9.5, heights_mm: [-0.25, 1.0], steepest: 0.75, hidden, outputs };
-    let table = table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.9375 });
-    String::from_utf8(encode::json(&table)).expect("UTF-8")
+    let response = CalibrationResponse {
+        height_mm: 0.5,
+        place_mm: 9.5,
+        heights_mm: [-0.25, 1.0],
+        steepest: 0.75,
+        hidden,
+        outputs,
+    };
+    let table = build_table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.9375 });
+    String::from_utf8(encode::to_json_line(&table)).expect("UTF-8")
 }
 
 /// Adds sensor.toml with its table.json and untouched.png.
@@ -135,7 +141,7 @@ fn measured_light_needs_a_sensor_that_was_measured() {
 fn datasets_of_a_calibrated_sensor_are_resumed_verified_and_reproduced() {
     let folder = folder();
     folder.succeed("generate job.toml --quiet --out out");
-    let whole = folder.lasting_files("out");
+    let complete = folder.lasting_files("out");
     for (key, label) in folder.labels("out") {
         assert_eq!(
             (label["optics_model"].as_str(), label["fidelity"].as_str()),
@@ -150,14 +156,14 @@ fn datasets_of_a_calibrated_sensor_are_resumed_verified_and_reproduced() {
     fs::remove_file(folder.path("out/data/train-000001.tar")).expect("a shard");
     folder.gelsim("verify out").assert().code(1);
     folder.succeed("generate job.toml --quiet --out out");
-    assert_same_files(&whole, &folder.lasting_files("out"));
+    assert_same_files(&complete, &folder.lasting_files("out"));
     // The dataset knows its table by its hash.
     folder.write("table.json", measured().replacen("-0.125", "-0.25", 1));
     let said = folder.fail("reproduce out 3", 2);
     assert!(said.contains("table.json has changed"), "{said}");
     let said = folder.fail("generate job.toml --out out", 2);
     assert!(said.contains("out") && said.contains("help: "), "{said}");
-    assert_same_files(&whole, &folder.lasting_files("out"));
+    assert_same_files(&complete, &folder.lasting_files("out"));
 }
 
 #[test]

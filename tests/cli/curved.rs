@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use crate::support::{Folder, assert_same_files, edited};
+use crate::support::{Folder, edited};
 
 const JOB: &str = r#"
 [dataset]
@@ -32,20 +32,13 @@ layers = ["depth", "surface", "contact", "normal", "pressure", "reference", "pin
 "#;
 
 fn folder(job: &str) -> Folder {
-    let folder = Folder::with_job(job);
-    for name in ["sphere", "edge_slab", "cube"] {
-        let mesh = std::fs::read(crate::support::repository().join(format!("objects/{name}.obj"))).expect("a mesh");
-        folder.write(&format!("{name}.obj"), mesh);
-    }
-    folder
+    Folder::with_objects(job, &["sphere", "edge_slab", "cube"])
 }
 
 #[test]
-fn a_dataset_of_pins_is_whole_and_the_same_on_any_number_of_threads() {
+fn a_dataset_of_pins_is_complete_and_the_same_on_any_number_of_threads() {
     let folder = folder(JOB);
-    folder.succeed("generate job.toml --quiet --out one --threads 1");
-    folder.succeed("generate job.toml --quiet --out four --threads 4");
-    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("four"));
+    folder.assert_same_on_four_threads();
     folder.succeed("generate job.toml --quiet --out folders --set output.container=\"folder\"");
     for name in ["one", "folders"] {
         folder.succeed(&format!("verify {name}"));
@@ -142,11 +135,9 @@ layers = ["depth", "surface", "contact", "normal", "pressure", "reference"]
 "#;
 
 #[test]
-fn a_finger_lit_along_its_gel_gives_a_whole_dataset_and_skipping_changes_no_byte_of_it() {
+fn a_finger_lit_along_its_gel_gives_a_complete_dataset_and_skipping_changes_no_byte_of_it() {
     let folder = folder(FINGER);
-    folder.succeed("generate job.toml --quiet --out one --threads 1");
-    folder.succeed("generate job.toml --quiet --out four --threads 4");
-    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("four"));
+    folder.assert_same_on_four_threads();
     folder.succeed("generate job.toml --quiet --out all --all-effects");
     folder.succeed("verify one");
     folder.succeed("reproduce one 5");

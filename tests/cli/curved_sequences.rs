@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use crate::support::{Folder, assert_same_files, edited};
+use crate::support::{Folder, edited};
 
 const FINGER: &str = r#"
 fidelity = "draft"
@@ -58,12 +58,7 @@ const LAYERS: &str =
     "[output]\nlayers = [\"depth\", \"surface\", \"contact\", \"normal\", \"pressure\", \"gap\", \"slip\", \"flow\"]\n";
 
 fn folder(job: &str) -> Folder {
-    let folder = Folder::with_job(job);
-    for name in ["sphere", "cube"] {
-        let mesh = std::fs::read(crate::support::repository().join(format!("objects/{name}.obj"))).expect("a mesh");
-        folder.write(&format!("{name}.obj"), mesh);
-    }
-    folder
+    Folder::with_objects(job, &["sphere", "cube"])
 }
 
 fn tactip(job: &str) -> String {
@@ -72,13 +67,11 @@ fn tactip(job: &str) -> String {
 }
 
 #[test]
-fn sequences_on_a_gel_are_whole_and_the_same_on_any_number_of_threads() {
+fn sequences_on_a_gel_are_complete_and_the_same_on_any_number_of_threads() {
     let finger = format!("{FINGER}{PHASES}{LAYERS}");
     for job in [finger.clone(), edited(&tactip(&finger), &[("\"flow\"", "\"flow\", \"pins\"")])] {
         let folder = folder(&job);
-        folder.succeed("generate job.toml --quiet --out one --threads 1");
-        folder.succeed("generate job.toml --quiet --out four --threads 4");
-        assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("four"));
+        folder.assert_same_on_four_threads();
         folder.succeed("generate job.toml --quiet --out all --all-effects");
         folder.succeed("verify one");
         folder.succeed("reproduce one 1");
@@ -119,22 +112,7 @@ fn one_frame_on_a_gel_is_the_press_byte_for_byte() {
         let phase = "[sequence]\n[[sequence.phase]]\nname = \"press\"\nduration_s = 0.04\ndepth_mm = 0.6\n";
         let folder = folder(&press);
         folder.write("moves.toml", edited(&press, &[("[indentation]\ndepth_mm = 0.6\n", phase)]));
-        folder.succeed("generate job.toml --quiet --out press");
-        folder.succeed("generate moves.toml --quiet --out moves");
-        let (press, moves) = (folder.samples("press"), folder.samples("moves"));
-        let mut touches = 0;
-        for (key, files) in press {
-            let mut expected: BTreeMap<String, Vec<u8>> =
-                files.into_iter().map(|(name, bytes)| (format!("f0000.{name}"), bytes)).collect();
-            let label: Value = serde_json::from_slice(&expected.remove("f0000.json").expect("a label")).expect("JSON");
-            let mut found = moves[&key].clone();
-            let sequence: Value = serde_json::from_slice(&found.remove("json").expect("a label")).expect("JSON");
-            assert_same_files(&expected, &found);
-            for part in ["pose", "indentation_depth_mm", "contact", "numerics", "health", "markers"] {
-                assert_eq!(sequence["frames"][0][part], label[part], "{part} of {key}");
-            }
-            touches += u64::from(label["contact"]["in_contact"] == true);
-        }
+        let touches = folder.assert_presses_are_first_frames();
         assert!(touches >= 2, "{touches}");
     }
 }

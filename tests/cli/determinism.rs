@@ -16,7 +16,7 @@ fn tars_are_the_same_for_every_number_of_threads() {
 #[test]
 fn shard_ranges_in_separate_runs_make_the_dataset_of_a_single_run() {
     let folder = Folder::with_job(JOB);
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     let first = folder.succeed("generate job.toml --out parts --shards 1..3");
     assert!(first.contains("the dataset is not complete yet"), "{first}");
     assert!(!folder.path("parts/dataset.json").exists());
@@ -25,32 +25,32 @@ fn shard_ranges_in_separate_runs_make_the_dataset_of_a_single_run() {
     folder.succeed("generate job.toml --quiet --out parts --shards 3..4");
     let last = folder.succeed("generate job.toml --out parts --shards 0..1");
     assert!(!last.contains("not complete"), "{last}");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("parts"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("parts"));
 }
 
 #[test]
 fn partitions_in_any_order_make_the_dataset_of_a_single_run() {
     let folder = Folder::with_job(JOB);
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     for count in [2, 3, 7] {
         for part in (0..count).rev() {
             folder.succeed(&format!("generate job.toml --quiet --out parts-{count} --partition {part}/{count}"));
         }
-        assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files(&format!("parts-{count}")));
+        assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files(&format!("parts-{count}")));
     }
 }
 
 #[test]
 fn partitions_at_the_same_time_make_the_dataset_of_a_single_run() {
     let folder = Folder::with_job(JOB);
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     let parts: Vec<_> =
         (0..4).map(|part| folder.spawn(&format!("generate job.toml --out parts --partition {part}/4"))).collect();
     for part in parts {
         let output = part.wait_with_output().expect("it ends");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("parts"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("parts"));
 }
 
 #[test]

@@ -12,31 +12,31 @@ use gelsim_job::config::{self, Overrides};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
-use gelsim_lab::tradeoff::choose::choose;
+use gelsim_lab::tradeoff::choose::choose_level;
 use serde_json::Value;
 
 use crate::support::{Folder, JOB, assert_same_files, edited, exr_planes, json, repository};
 
 /// [`JOB`] with a bound in the place of a fidelity level.
-fn bounded(bound: &str) -> Folder {
+fn with_bound(bound: &str) -> Folder {
     Folder::with_job(&edited(JOB, &[("\n[dataset]", &format!("\nfidelity = {{ {bound} }}\n[dataset]"))]))
 }
 
 /// The level that the dataset `name` was made with, as its job says.
-fn recorded(folder: &Folder, name: &str) -> String {
+fn level_of_dataset(folder: &Folder, name: &str) -> String {
     let job: toml::Table = folder.read(&format!("{name}/job.toml")).parse().expect("TOML");
-    job["fidelity"].as_str().expect("the name of a rung").to_owned()
+    job["fidelity"].as_str().expect("the name of a level").to_owned()
 }
 
 /// True if a run said that it chose a fidelity level.
-fn chose(said: &str) -> bool {
+fn says_it_chose(said: &str) -> bool {
     said.contains("note: fidelity ") && said.contains(" chosen: ")
 }
 
 fn plan(text: &str) -> Plan {
     let mut problems = Diagnostics::default();
     let folder = repository().join("objects");
-    let written = config::read_text("job.toml", text.to_owned(), &folder, &Overrides::default(), &mut problems);
+    let written = config::read_job_text("job.toml", text.to_owned(), &folder, &Overrides::default(), &mut problems);
     Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"))
 }
 
@@ -46,7 +46,7 @@ fn every_level_names_itself_and_its_models_in_labels_and_job() {
     for level in Fidelity::ALL {
         let name = level.name();
         folder.succeed(&format!("generate job.toml --quiet --out {name} --fidelity {name}"));
-        assert_eq!(recorded(&folder, name), name);
+        assert_eq!(level_of_dataset(&folder, name), name);
         let job: toml::Table = folder.read(&format!("{name}/job.toml")).parse().expect("TOML");
         let choices = level.models(LightSource::Leds);
         assert_eq!(job["gelpad"], toml::Value::try_from(&choices.gelpad).expect("TOML"));
@@ -73,7 +73,7 @@ fn the_level_of_a_job_is_the_same_as_that_of_the_command_line() {
         );
     }
     folder.succeed("generate job.toml --quiet --out silent");
-    assert_eq!(recorded(&folder, "silent"), Fidelity::default().name(), "a job that says nothing");
+    assert_eq!(level_of_dataset(&folder, "silent"), Fidelity::default().name(), "a job that says nothing");
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn the_pressure_layer_adds_up_to_the_force_and_reaches_the_peak() {
 #[test]
 fn a_bound_chooses_the_cheapest_level_that_keeps_it() {
     let plan = plan(JOB);
-    let indices: Vec<u64> = (0..plan.layout.samples()).collect();
+    let indices: Vec<u64> = (0..plan.layout.sample_count()).collect();
     let samples =
         |level| indices.iter().map(|index| render(&plan.with_fidelity(level), *index)).collect::<Vec<Sample>>();
     let exact = samples(Fidelity::Reference);
@@ -173,14 +173,14 @@ fn a_bound_chooses_the_cheapest_level_that_keeps_it() {
     for bound in errors.iter().flat_map(|um| [um * 0.999, um * 1.001]).chain([1e-3, 1e5]).filter(|um| *um > 0.0) {
         let expected =
             Fidelity::ALL.into_iter().zip(errors).find(|(_, um)| *um <= bound).expect("the reference keeps any");
-        let found = choose(&plan, FidelityChoice::MaxErrorUm(bound)).unwrap_or_else(|report| panic!("{report}"));
+        let found = choose_level(&plan, FidelityChoice::MaxErrorUm(bound)).unwrap_or_else(|report| panic!("{report}"));
         assert_eq!(found.level, expected.0, "{bound} um of {errors:?}");
         assert!((found.error_um - expected.1).abs() <= 1e-9 * expected.1, "{} um", found.error_um);
         chosen.push(found.level);
     }
     chosen.sort_by_key(|level| level.name());
     chosen.dedup();
-    assert!(chosen.len() >= 4, "the bounds must tell rungs apart: {chosen:?}");
+    assert!(chosen.len() >= 4, "the bounds must tell levels apart: {chosen:?}");
 }
 
 #[test]
@@ -188,18 +188,18 @@ fn the_chosen_level_is_recorded_and_makes_the_bytes_that_the_level_makes_by_name
     for (bound, expected) in
         [("max_error_um = 1e5", "paper"), ("max_error_um = 0.001", "reference"), ("max_ms = 1e6", "reference")]
     {
-        let folder = bounded(bound);
+        let folder = with_bound(bound);
         let said = folder.succeed("generate job.toml --out own");
         assert!(said.contains(&format!("note: fidelity {expected} chosen: ")), "{said}");
         assert!(
             said.contains(" um from the reference in the worst of 8 samples, ") && said.contains(" ms a sample"),
             "{said}"
         );
-        assert_eq!(recorded(&folder, "own"), expected);
+        assert_eq!(level_of_dataset(&folder, "own"), expected);
         folder.succeed(&format!("generate job.toml --quiet --out named --fidelity {expected}"));
         assert_same_files(&folder.lasting_files("own"), &folder.lasting_files("named"));
         let again = folder.succeed("generate own/job.toml --out again");
-        assert!(!chose(&again), "{again}");
+        assert!(!says_it_chose(&again), "{again}");
         assert_same_files(&folder.lasting_files("own"), &folder.lasting_files("again"));
         assert!(folder.labels("own").values().all(|label| label["fidelity"] == expected));
     }
@@ -207,7 +207,7 @@ fn the_chosen_level_is_recorded_and_makes_the_bytes_that_the_level_makes_by_name
 
 #[test]
 fn a_bound_leaves_the_light_that_the_job_names() {
-    let folder = bounded("max_error_um = 1e5");
+    let folder = with_bound("max_error_um = 1e5");
     folder.succeed(
         "generate job.toml --quiet --out dark --set optics.phong.darkening=0.0 --set optics.phong.diffuse=0.9",
     );
@@ -222,37 +222,37 @@ fn a_bound_leaves_the_light_that_the_job_names() {
 
 #[test]
 fn a_run_that_goes_on_keeps_the_level_it_began_with_and_does_not_choose_again() {
-    let folder = bounded("max_error_um = 1e5");
-    assert!(chose(&folder.succeed("generate job.toml --out whole")));
+    let folder = with_bound("max_error_um = 1e5");
+    assert!(says_it_chose(&folder.succeed("generate job.toml --out complete")));
     folder.succeed("generate job.toml --quiet --out out");
     fs::remove_file(folder.path("out/data/val-000000.tar")).expect("a shard");
     let said = folder.succeed("generate job.toml --out out");
-    assert!(!chose(&said) && said.contains(" in 1 shard,"), "{said}");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert!(!says_it_chose(&said) && said.contains(" in 1 shard,"), "{said}");
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
     // A folder that was begun with a fidelity level that the bound would not choose.
     folder.succeed("generate job.toml --quiet --out draft --fidelity draft --shards 0..1");
     let said = folder.succeed("generate job.toml --out draft");
-    assert!(!chose(&said) && said.contains("1 shard was there already"), "{said}");
+    assert!(!says_it_chose(&said) && said.contains("1 shard was there already"), "{said}");
     assert!(folder.labels("draft").values().all(|label| label["fidelity"] == "draft"));
     assert_eq!(json(&folder, "draft/dataset.json")["samples"], 8);
 }
 
 #[test]
 fn overwriting_chooses_again() {
-    let folder = bounded("max_error_um = 1e5");
+    let folder = with_bound("max_error_um = 1e5");
     folder.succeed("generate job.toml --quiet --out out --fidelity draft");
-    assert_eq!(recorded(&folder, "out"), "draft");
+    assert_eq!(level_of_dataset(&folder, "out"), "draft");
     let said = folder.succeed("generate job.toml --out out --overwrite");
-    assert!(chose(&said), "{said}");
-    assert_eq!(recorded(&folder, "out"), "paper");
+    assert!(says_it_chose(&said), "{said}");
+    assert_eq!(level_of_dataset(&folder, "out"), "paper");
     folder.succeed("generate job.toml --quiet --out fresh");
     assert_same_files(&folder.lasting_files("fresh"), &folder.lasting_files("out"));
 }
 
 #[test]
 fn parts_cannot_choose_but_may_go_on_with_what_was_chosen() {
-    let folder = bounded("max_error_um = 1e5");
-    folder.succeed("generate job.toml --quiet --out whole");
+    let folder = with_bound("max_error_um = 1e5");
+    folder.succeed("generate job.toml --quiet --out complete");
     for flags in ["--partition 0/2", "--shards 0..1", "--partition 0/1", "--partition 0/2 --overwrite"] {
         let text = folder.fail(&format!("generate job.toml --out parts {flags}"), 2);
         assert!(text.contains("error: parts of a dataset cannot each choose their own fidelity"), "{text}");
@@ -264,34 +264,34 @@ fn parts_cannot_choose_but_may_go_on_with_what_was_chosen() {
         fs::remove_file(folder.path(&format!("parts/data/{shard}.tar"))).expect("a shard");
     }
     for part in ["--partition 1/2", "--shards 0..1", "--partition 0/2"] {
-        assert!(!chose(&folder.succeed(&format!("generate job.toml --out parts {part}"))));
+        assert!(!says_it_chose(&folder.succeed(&format!("generate job.toml --out parts {part}"))));
     }
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("parts"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("parts"));
     // Named, a fidelity level needs no choice.
     folder.succeed("generate job.toml --quiet --out named --fidelity paper --partition 0/2");
     folder.succeed("generate job.toml --quiet --out named --fidelity paper --partition 1/2");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("named"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("named"));
 }
 
 #[test]
 fn a_level_on_the_command_line_replaces_a_bound_without_probing() {
-    let folder = bounded("max_ms = 0.001");
+    let folder = with_bound("max_ms = 0.001");
     for level in ["paper", "high"] {
         let said = folder.succeed(&format!("generate job.toml --out {level} --fidelity {level}"));
-        assert!(!chose(&said), "{said}");
-        assert_eq!(recorded(&folder, level), level);
+        assert!(!says_it_chose(&said), "{said}");
+        assert_eq!(level_of_dataset(&folder, level), level);
     }
     let said = folder.succeed("generate job.toml --out set --set fidelity=\"draft\"");
-    assert!(!chose(&said) && recorded(&folder, "set") == "draft", "{said}");
+    assert!(!says_it_chose(&said) && level_of_dataset(&folder, "set") == "draft", "{said}");
     // And a bound on the command line replaces a fidelity level.
     let folder = Folder::with_job(&edited(JOB, &[("\n[dataset]", "\nfidelity = \"high\"\n[dataset]")]));
     let said = folder.succeed("generate job.toml --out out --set fidelity={max_error_um=99999}");
-    assert!(chose(&said) && recorded(&folder, "out") == "paper", "{said}");
+    assert!(says_it_chose(&said) && level_of_dataset(&folder, "out") == "paper", "{said}");
 }
 
 #[test]
 fn a_time_that_no_level_keeps_is_refused_with_what_was_measured() {
-    let folder = bounded("max_ms = 0.001");
+    let folder = with_bound("max_ms = 0.001");
     for command in ["generate job.toml", "generate job.toml --quiet", "preview job.toml --out sheet.png"] {
         let text = folder.fail(command, 2);
         assert!(text.contains("error: no fidelity level renders a sample of this job in 0.001 ms"), "{text}");
@@ -315,7 +315,7 @@ fn a_time_that_no_level_keeps_is_refused_with_what_was_measured() {
     folder.succeed(&format!("preview job.toml --out named.png {named}"));
     let only_elastic = edited(&folder.read("job.toml"), &[("\"contact\"]", "\"pressure\"]")]);
     let text = Folder::with_job(&only_elastic).fail("generate job.toml", 2);
-    assert!(!text.contains("paper") && text.contains("draft"), "a rung without the layer is no choice: {text}");
+    assert!(!text.contains("paper") && text.contains("draft"), "a level without the layer is no choice: {text}");
 }
 
 #[test]
@@ -326,7 +326,7 @@ fn a_level_that_lacks_a_layer_is_not_chosen() {
     );
     let folder = Folder::with_job(&job);
     folder.succeed("generate job.toml --quiet --out out");
-    assert_eq!(recorded(&folder, "out"), "draft");
+    assert_eq!(level_of_dataset(&folder, "out"), "draft");
     let first = Fidelity::ALL.into_iter().find(|level| level.models(LightSource::Leds).gelpad.knows_pressure());
     assert_eq!(first, Some(Fidelity::Draft));
 }
@@ -338,7 +338,7 @@ fn a_level_that_the_job_could_not_name_is_not_chosen() {
     for (what, with) in [("\"contact\"]", "\"flow\"]"), soft] {
         let folder = Folder::with_job(&edited(JOB, &[bound, (what, with)]));
         folder.succeed("generate job.toml --quiet --out out");
-        assert_eq!(recorded(&folder, "out"), "draft", "{with}");
+        assert_eq!(level_of_dataset(&folder, "out"), "draft", "{with}");
         let named = edited(JOB, &[("\n[dataset]", "\nfidelity = \"paper\"\n[dataset]"), (what, with)]);
         Folder::with_job(&named).fail("generate job.toml", 2);
     }
@@ -346,9 +346,9 @@ fn a_level_that_the_job_could_not_name_is_not_chosen() {
 
 #[test]
 fn a_preview_of_a_job_with_a_bound_shows_the_level_that_it_chooses() {
-    let folder = bounded("max_error_um = 1e5");
+    let folder = with_bound("max_error_um = 1e5");
     let said = folder.succeed("preview job.toml --key 1 --out own.png");
-    assert!(chose(&said), "{said}");
+    assert!(says_it_chose(&said), "{said}");
     folder.succeed("preview job.toml --key 1 --out named.png --fidelity paper");
     folder.succeed("preview job.toml --key 1 --out other.png --fidelity draft");
     let picture = |name: &str| fs::read(folder.path(name)).expect("a picture");

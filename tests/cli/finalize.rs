@@ -48,8 +48,8 @@ fn missing_and_broken_shards_are_named_and_nothing_is_described() {
     let folder = Folder::with_job(JOB);
     folder.succeed("generate job.toml --out out");
     without_descriptions(&folder);
-    let whole = fs::read(folder.path("out/data/test-000000.tar")).expect("a shard");
-    let mut flipped = whole.clone();
+    let complete = fs::read(folder.path("out/data/test-000000.tar")).expect("a shard");
+    let mut flipped = complete.clone();
     flipped[700] ^= 1;
     folder.write("out/data/test-000000.tar", &flipped);
     fs::remove_file(folder.path("out/data/train-000001.tar")).expect("a shard");
@@ -68,10 +68,10 @@ fn missing_and_broken_shards_are_named_and_nothing_is_described() {
     assert_eq!(lines[1], "stats/val-000000.json: is missing");
     assert!(lines[2].starts_with("data/test-000000.tar: is not what was written: it has "), "{said}");
     assert_eq!(lines[3], "out: 8 samples in 4 shards: not finalized");
-    assert_eq!(lines[4..], ["mend it with", "  gelsim generate out/job.toml --out out"]);
+    assert_eq!(lines[4..], ["fix it with", "  gelsim generate out/job.toml --out out"]);
     // A flipped byte has no size.
     assert!(!refused(" --quick").contains("test-000000"));
-    folder.write("out/data/test-000000.tar", &whole[..512]);
+    folder.write("out/data/test-000000.tar", &complete[..512]);
     assert!(refused(" --quick").contains("data/test-000000.tar: is not what was written: it has 512 bytes, "));
 
     folder.succeed("generate job.toml --out out");

@@ -1,5 +1,5 @@
 //! `[output] depth_format` and `container`: the same samples in every format and container; a shard that is a folder is
-//! as whole, as reproducible and as well looked after as one that is a tar.
+//! as complete, as reproducible and as well looked after as one that is a tar.
 
 use gelsim_dataset::container::ShardContainer;
 use std::collections::BTreeMap;
@@ -7,9 +7,9 @@ use std::fs;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use gelsim_dataset::archive::Files;
 use gelsim_dataset::archive::Member;
-use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::archive::SampleFiles;
+use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_dataset::{decode, verify};
 use gelsim_files::{npy, png};
 use gelsim_job::config::output::Container;
@@ -32,12 +32,12 @@ fn folders() -> Folder {
 }
 
 /// All samples of a dataset, whatever its container.
-fn samples(folder: &Folder, name: &str) -> Vec<Files> {
-    let recorded = Recorded::open(&folder.path(name)).expect("a dataset");
+fn samples(folder: &Folder, name: &str) -> Vec<SampleFiles> {
+    let recorded = RecordedDataset::open(&folder.path(name)).expect("a dataset");
     let mut found = Vec::new();
     for number in 0..recorded.layout.shard_count() {
-        let paths = recorded.paths(&recorded.layout.shard(number));
-        let read = paths.container.read(
+        let paths = recorded.shard_paths(&recorded.layout.shard(number));
+        let read = paths.container.visit_samples(
             &paths.data,
             |_| true,
             |files| {
@@ -50,20 +50,20 @@ fn samples(folder: &Folder, name: &str) -> Vec<Files> {
     found
 }
 
-fn label(files: &Files) -> Label {
-    serde_json::from_slice(files.member("json").expect("a label")).expect("a label")
+fn label(files: &SampleFiles) -> Label {
+    serde_json::from_slice(files.find_member("json").expect("a label")).expect("a label")
 }
 
 /// The planes of a sample's float layer.
-fn planes(files: &Files, layer: OutputLayer, format: DepthFormat) -> Vec<(String, Vec<f32>)> {
-    let bytes = files.member(&layer.suffix(format)).unwrap_or_else(|| panic!("{}: no {layer:?}", files.key));
-    let planes = decode::planes(layer, layer.coding(format), bytes, &label(files).png16).expect("readable");
+fn planes(files: &SampleFiles, layer: OutputLayer, format: DepthFormat) -> Vec<(String, Vec<f32>)> {
+    let bytes = files.find_member(&layer.file_suffix(format)).unwrap_or_else(|| panic!("{}: no {layer:?}", files.key));
+    let planes = decode::decode_planes(layer, layer.coding_for(format), bytes, &label(files).png16).expect("readable");
     assert_eq!((planes.width, planes.height), (48, 36));
     planes.channels
 }
 
 /// What verify prints, and its exit status.
-fn verified(folder: &Folder, name: &str) -> (String, i32) {
+fn verify_output(folder: &Folder, name: &str) -> (String, i32) {
     let output = folder.gelsim(&format!("verify {name}")).output().expect("it runs");
     assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
     (String::from_utf8_lossy(&output.stdout).into_owned(), output.status.code().expect("an exit status"))
@@ -74,7 +74,7 @@ fn every_format_holds_the_layers_of_the_floats_and_is_verified_reproduced_and_sh
     let folder = job("exr = { pixel = \"float\" }");
     for format in DepthFormat::ALL.map(DepthFormat::name) {
         folder.succeed(&format!("generate job.toml --quiet --out {format} --set output.depth_format=\"{format}\""));
-        let (said, status) = verified(&folder, format);
+        let (said, status) = verify_output(&folder, format);
         assert_eq!(status, 0, "{said}");
         folder.gelsim(&format!("reproduce {format} 3")).assert().success();
         folder.succeed(&format!("preview {format} --out {format}.png"));
@@ -87,7 +87,8 @@ fn every_format_holds_the_layers_of_the_floats_and_is_verified_reproduced_and_sh
     for exact in samples(&folder, "exr") {
         let index = exact.key.parse().expect("a number");
         for format in [DepthFormat::Npy, DepthFormat::Png16] {
-            let other = Recorded::open(&folder.path(format.name())).expect("a dataset").sample(index).expect("one");
+            let other =
+                RecordedDataset::open(&folder.path(format.name())).expect("a dataset").read_sample(index).expect("one");
             let steps = label(&other).png16;
             for layer in floats {
                 let expected = planes(&exact, layer, DepthFormat::Exr);
@@ -157,16 +158,16 @@ fn a_layer_that_is_not_in_the_jobs_format_is_named() {
         folder.succeed(&format!("generate job.toml --quiet --out {format} --set output.depth_format=\"{format}\""));
     }
     for (format, suffix, bytes, words) in cases {
-        let recorded = Recorded::open(&folder.path(format)).expect("a dataset");
+        let recorded = RecordedDataset::open(&folder.path(format)).expect("a dataset");
         let shard = recorded.layout.shard(0);
         let mut tar = tar::Builder::new(Vec::new());
-        for member in members(&recorded.paths(&shard).data) {
+        for member in members(&recorded.shard_paths(&shard).data) {
             let bytes = if member.name.ends_with(suffix) { &bytes } else { &member.bytes };
             let mut header = tar::Header::new_ustar();
             header.set_size(bytes.len() as u64);
             tar.append_data(&mut header, &member.name, bytes.as_slice()).expect("memory");
         }
-        let found = verify::check(tar.into_inner().expect("memory").as_slice(), &recorded, shard);
+        let found = verify::check_tar(tar.into_inner().expect("memory").as_slice(), &recorded, shard);
         assert!(found.len() == 3 && found[0].contains(words), "{words:?} in {found:?}");
     }
 }
@@ -220,15 +221,18 @@ fn folders_are_the_same_for_every_number_of_threads_and_every_partition() {
     }
     assert_same_files(&folder.lasting_files("out"), &folder.lasting_files("parts"));
     folder.succeed("generate job.toml --quiet --out single --set dataset.samples_per_shard=1");
-    assert_eq!(verified(&folder, "single").1, 0, "one sample per shard");
+    assert_eq!(verify_output(&folder, "single").1, 0, "one sample per shard");
     assert_eq!(samples(&folder, "single").len(), 8);
 }
 
 #[test]
 fn a_dataset_of_folders_is_verified_reproduced_shown_and_compared() {
     let folder = folders();
-    let (said, status) = verified(&folder, "out");
-    assert!(status == 0 && said.starts_with("out: 8 samples in 4 shards") && said.ends_with(": whole\n"), "{said}");
+    let (said, status) = verify_output(&folder, "out");
+    assert!(
+        status == 0 && said.starts_with("out: 8 samples in 4 shards") && said.ends_with(": valid and complete\n"),
+        "{said}"
+    );
     for key in ["0", "7"] {
         let output = folder.gelsim(&format!("reproduce out {key}")).assert().success();
         assert!(String::from_utf8_lossy(&output.get_output().stdout).ends_with("the same sample\n"));
@@ -248,13 +252,13 @@ fn a_dataset_of_folders_is_verified_reproduced_shown_and_compared() {
 fn damage(folder: &Folder, again: u64, words: &[&str], damage: impl Fn(&Path)) {
     let sound = folder.lasting_files("out");
     damage(&folder.path("out/data"));
-    let (said, status) = verified(folder, "out");
+    let (said, status) = verify_output(folder, "out");
     assert!(status == 1 && words.iter().all(|word| said.contains(word)), "{words:?} in\n{said}");
     folder.gelsim("verify out --checksums").assert().code(1);
     let said = folder.succeed("generate job.toml --out out");
     assert!(said.contains(&format!(" in {again} shard")), "{said}");
     assert_same_files(&sound, &folder.lasting_files("out"));
-    assert_eq!(verified(folder, "out").1, 0);
+    assert_eq!(verify_output(folder, "out").1, 0);
 }
 
 #[test]
@@ -313,7 +317,7 @@ fn files_of_others_in_a_folder_are_named_stay_and_are_in_nobodys_way_unless_the_
     let sound = folder.lasting_files("out");
     folder.write("out/data/val-000000/.DS_Store", "shown by a file manager");
     folder.write("out/data/val-000000/notes.txt", "mine");
-    let (said, status) = verified(&folder, "out");
+    let (said, status) = verify_output(&folder, "out");
     let named =
         ["data/val-000000/.DS_Store: belongs to no shard\n", "data/val-000000/notes.txt: belongs to no shard\n"];
     assert!(status == 1 && said.starts_with(&named.concat()), "{said}");
@@ -341,7 +345,7 @@ fn a_link_in_a_folder_is_named_and_nothing_is_done_through_it() {
     let path = folder.path("out/data/val-000000").join(&name);
     fs::remove_file(&path).expect("a file");
     std::os::unix::fs::symlink(folder.path("precious.json"), &path).expect("a link");
-    let (said, status) = verified(&folder, "out");
+    let (said, status) = verify_output(&folder, "out");
     assert!(status == 1 && said.contains(&format!("{}: is no regular file", name.to_string_lossy())), "{said}");
     for flags in ["", " --overwrite"] {
         let said = folder.fail(&format!("generate job.toml --out out{flags}"), 2);
@@ -370,16 +374,16 @@ fn the_bytes_of_a_sample_are_foreseen_for_both_containers() {
     let folder = folders();
     folder.succeed("generate job.toml --quiet --out tars --set output.container=\"tar\"");
     for (name, container) in [("out", Container::Folder), ("tars", Container::Tar)] {
-        let recorded = Recorded::open(&folder.path(name)).expect("a dataset");
+        let recorded = RecordedDataset::open(&folder.path(name)).expect("a dataset");
         let foreseen: u64 = samples(&folder, name)
             .into_iter()
-            .map(|Files { key, members }| {
+            .map(|SampleFiles { key, members }| {
                 let index = key.parse().expect("a number");
                 let members: Vec<Member> =
                     members.into_iter().map(|(suffix, bytes)| Member::new(suffix, bytes)).collect();
                 let label = members.iter().find(|member| member.suffix == "json").expect("a label");
                 let label = label.bytes.read().expect("in memory");
-                container.bytes_of(&recorded.layout.shard_of(index), index, &label, &members)
+                container.sample_bytes(&recorded.layout.shard_of(index), index, &label, &members)
             })
             .sum();
         let manifest = json(&folder, &format!("{name}/dataset.json"));
@@ -439,5 +443,5 @@ fn a_dataset_of_folders_grows_and_its_last_shards_are_exchanged() {
     assert!(said.contains("1 shard was there already"), "only train-000000 was full: {said}");
     assert_same_files(&folder.lasting_files("grown"), &folder.lasting_files("out"));
     folder.gelsim("finalize out").assert().success();
-    assert_eq!(verified(&folder, "out").1, 0);
+    assert_eq!(verify_output(&folder, "out").1, 0);
 }

@@ -50,18 +50,7 @@ layers = ["depth", "contact"]
 }
 
 fn folder(job: &str) -> Folder {
-    let folder = Folder::with_job(job);
-    for name in ["sphere", "cube", "bolt"] {
-        let mesh = std::fs::read(crate::support::repository().join(format!("objects/{name}.obj"))).expect("a mesh");
-        folder.write(&format!("{name}.obj"), mesh);
-    }
-    folder
-}
-
-/// What a command writes to standard output.
-fn printed(folder: &Folder, arguments: &str) -> String {
-    let output = folder.gelsim(arguments).output().expect("it runs");
-    String::from_utf8(output.stdout).expect("UTF-8")
+    Folder::with_objects(job, &["sphere", "cube", "bolt"])
 }
 
 fn number(value: &Value) -> f64 {
@@ -232,20 +221,14 @@ fn a_width_gives_the_force_that_gave_it() {
 #[test]
 fn bytes_do_not_depend_on_threads_division_or_where_a_run_ended() {
     let folder = folder(&job());
-    folder.succeed("generate job.toml --quiet --out one --threads 1");
-    folder.succeed("generate job.toml --quiet --out four --threads 4");
-    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("four"));
-    for part in [1, 0] {
-        folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2"));
-    }
-    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("parts"));
+    folder.assert_same_however_divided();
     // A shard of which the end is missing is made anew.
     folder.succeed("generate job.toml --quiet --out ended --shards 0..1");
     std::fs::remove_file(folder.path("ended/stats/train-000000.json")).expect("it is there");
     folder.succeed("generate job.toml --quiet --out ended");
     assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("ended"));
     folder.succeed("verify one");
-    let said = printed(&folder, "reproduce one 4");
+    let said = folder.stdout_of("reproduce one 4");
     assert!(said.contains("right.depth.exr: the same") && said.contains("the same sample"), "{said}");
     // Its own job is the same job.
     folder.succeed("generate one/job.toml --quiet --out again");
@@ -360,7 +343,7 @@ fn verify_misses_a_finger_and_finds_a_file_of_none() {
         }
         out.into_inner().expect("room")
     };
-    let whole = std::fs::read(&shard).expect("it is there");
+    let complete = std::fs::read(&shard).expect("it is there");
     let first = crate::support::members(&shard)[0].name.clone();
     assert!(first.ends_with(".left.tactile.png"), "{first}");
     let key = &first[..9];
@@ -370,9 +353,9 @@ fn verify_misses_a_finger_and_finds_a_file_of_none() {
         (first.clone(), Some(strange.as_str()), format!("{strange} does not belong there")),
     ] {
         std::fs::write(&shard, edit(&name, to)).expect("a file");
-        let said = printed(&folder, "verify grips");
+        let said = folder.stdout_of("verify grips");
         assert!(said.contains(&words), "{said}");
-        std::fs::write(&shard, &whole).expect("a file");
+        std::fs::write(&shard, &complete).expect("a file");
     }
 }
 
@@ -502,7 +485,7 @@ fn fingers_close_lift_and_open_in_balance_and_the_object_slides_along_both() {
     assert_same_files(&folder.lasting_files("lifts"), &folder.lasting_files("four"));
     folder.succeed("generate lifts/job.toml --quiet --out again");
     assert_same_files(&folder.lasting_files("lifts"), &folder.lasting_files("again"));
-    let said = printed(&folder, "reproduce lifts 1");
+    let said = folder.stdout_of("reproduce lifts 1");
     assert!(said.contains("f0003.right.tactile.png: the same") && said.contains("the same sample"), "{said}");
     folder.succeed("preview lifts --out sheet.png");
     folder.succeed("preview job.toml --key 0 --apng --out film.png");

@@ -6,7 +6,7 @@ use std::fs;
 use crate::support::{Folder, JOB, assert_same_files, edited, json};
 
 /// What `of` says of the file `name`.
-fn at<T>(folder: &Folder, name: &str, of: impl Fn(&fs::Metadata) -> T) -> T {
+fn metadata_of<T>(folder: &Folder, name: &str, of: impl Fn(&fs::Metadata) -> T) -> T {
     of(&fs::metadata(folder.path(name)).unwrap_or_else(|error| panic!("{name}: {error}")))
 }
 
@@ -21,13 +21,13 @@ fn a_raised_number_of_samples_extends_the_dataset_and_leaves_full_shards_alone()
         folder.succeed("generate job.toml --samples 30 --out at-once");
         folder.succeed("generate job.toml --out grown");
         let full = ["grown/data/train-000000.tar", "grown/stats/train-000000.json"];
-        let before = full.map(|name| at(&folder, name, |meta| (meta.ino(), meta.modified().expect("a time"))));
+        let before = full.map(|name| metadata_of(&folder, name, |meta| (meta.ino(), meta.modified().expect("a time"))));
 
         let said = folder.succeed("generate job.toml --samples 13 --out grown");
         assert!(said.contains("; the dataset had 8 samples"), "{said}");
         let said = folder.succeed("generate job.toml --samples 30 --out grown");
         assert!(said.contains("; the dataset had 13 samples"), "{said}");
-        let after = full.map(|name| at(&folder, name, |meta| (meta.ino(), meta.modified().expect("a time"))));
+        let after = full.map(|name| metadata_of(&folder, name, |meta| (meta.ino(), meta.modified().expect("a time"))));
         assert_eq!(before, after, "a full shard is not touched");
         assert_same_files(&folder.lasting_files("at-once"), &folder.lasting_files("grown"));
         folder.succeed("verify grown");
@@ -43,7 +43,7 @@ fn parts_that_grow_a_dataset_together_end_as_one_run() {
     folder.succeed("generate job.toml --out grown");
     folder.succeed("report grown");
     folder.succeed("generate job.toml --samples 30 --out grown --partition 1/3");
-    // While it grows nothing says that it is whole.
+    // While it grows nothing says that it is complete.
     for name in ["dataset.json", "wids.json", "README.md", "report.html"] {
         assert!(!folder.path(&format!("grown/{name}")).exists(), "{name}");
     }

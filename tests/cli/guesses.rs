@@ -3,7 +3,7 @@
 use crate::support::{Folder, JOB, edited};
 
 /// What is said of a command line that is wrong.
-fn said(folder: &Folder, arguments: &str) -> String {
+fn refusal_of(folder: &Folder, arguments: &str) -> String {
     let assert = folder.gelsim(arguments).assert().code(2);
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
 }
@@ -28,7 +28,7 @@ fn flags_and_commands_of_other_programs_are_answered() {
         ("generate job.toml --samples 3.5", "write a whole number"),
         ("preview job.toml --out a.png --key abc", "write a whole number"),
     ] {
-        let said = said(&folder, arguments);
+        let said = refusal_of(&folder, arguments);
         assert!(said.contains(answer), "{arguments}: {answer}\n{said}");
         assert!(!said.contains("invalid digit"), "{said}");
     }
@@ -142,7 +142,7 @@ fn keys_and_values_of_other_programs_are_answered_with_what_works_here() {
     image::RgbImage::from_pixel(48, 36, image::Rgb([90, 100, 110])).save(folder.path("rest.png")).expect("a picture");
     for (from, guess, answer, mended) in KEYS {
         folder.write("job.toml", edited(JOB, &[(from, guess)]));
-        let said = said(&folder, "plan job.toml");
+        let said = refusal_of(&folder, "plan job.toml");
         assert!(said.contains(answer), "{guess}: {answer}\n{said}");
         assert_eq!(said.matches("error: ").count(), 1, "{said}");
         for word in ["invalid type", "array of length", "u64", "i64", "usize", "f64", "serde"] {
@@ -159,7 +159,7 @@ fn keys_and_values_of_other_programs_are_answered_with_what_works_here() {
 fn a_sensor_by_its_name_alone_is_answered_with_its_table() {
     let without = edited(JOB, &[("[sensor]\nresolution_px = [48, 36]\n", "")]);
     let folder = Folder::with_job(&format!("sensor = \"digit\"\n{without}"));
-    assert!(said(&folder, "plan job.toml").contains("[sensor] with preset = \"digit\""));
+    assert!(refusal_of(&folder, "plan job.toml").contains("[sensor] with preset = \"digit\""));
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn other_languages_are_recognised() {
         ("{ \"dataset\": { \"name\": \"t\" } }\n", "JSON"),
     ] {
         folder.write("job.toml", text);
-        let said = said(&folder, "plan job.toml");
+        let said = refusal_of(&folder, "plan job.toml");
         assert!(said.contains(&format!("it looks like {language}")), "{text}\n{said}");
         assert_eq!(said.matches("error: ").count(), 1, "{said}");
     }

@@ -3,7 +3,7 @@
 use crate::support::{Folder, JOB, assert_same_files, edited, json};
 
 /// [`JOB`] with a solver that gives up early, so that some samples are not solved.
-fn hasty(on_unhealthy: &str) -> Folder {
+fn with_unsolved_samples(on_unhealthy: &str) -> Folder {
     let solver = "gelpad = { elastic = { resolution = \"full\", max_iterations = 3, tolerance_um = 0.5 } }\n";
     let job = edited(JOB, &[("samples = 8", "samples = 24")]);
     Folder::with_job(&format!("{solver}{job}on_unhealthy = \"{on_unhealthy}\"\n"))
@@ -23,7 +23,7 @@ fn sum(folder: &Folder, key: &str) -> u64 {
 
 #[test]
 fn kept_samples_say_what_is_wrong_and_are_counted() {
-    let folder = hasty("keep");
+    let folder = with_unsolved_samples("keep");
     let said = folder.succeed("generate job.toml --out out");
     let labels = labels(&folder);
     assert_eq!(labels.len(), 24);
@@ -50,7 +50,7 @@ fn kept_samples_say_what_is_wrong_and_are_counted() {
 
 #[test]
 fn rejected_samples_are_drawn_again_and_listed_with_reason_seed_and_label() {
-    let folder = hasty("reject");
+    let folder = with_unsolved_samples("reject");
     let said = folder.succeed("generate job.toml --out out --threads 2");
     let labels = labels(&folder);
     assert!(labels.iter().all(|label| label["health"]["healthy"] == true && label["numerics"]["converged"] == true));
@@ -83,7 +83,7 @@ fn rejected_samples_are_drawn_again_and_listed_with_reason_seed_and_label() {
 
 #[test]
 fn a_run_that_wants_no_unhealthy_sample_stops_at_one_and_names_it() {
-    let folder = hasty("fail");
+    let folder = with_unsolved_samples("fail");
     let said = folder.fail("generate job.toml --out out", 1);
     assert!(
         said.contains("sample 0000000") && said.contains("(seed 7, drawn 1 time) is not healthy: the contact"),
@@ -95,7 +95,7 @@ fn a_run_that_wants_no_unhealthy_sample_stops_at_one_and_names_it() {
 
 #[test]
 fn a_job_of_which_no_draw_is_healthy_ends_instead_of_drawing_for_ever() {
-    let folder = hasty("reject");
+    let folder = with_unsolved_samples("reject");
     let said = folder.fail("generate job.toml --out out --set gelpad.elastic.max_iterations=1 --set indentation.depth_mm=1.0 --set indentation.no_contact=0.0", 1);
     assert!(said.contains("(seed 7, drawn 100 times) is not healthy: the contact is not solved"), "{said}");
 }

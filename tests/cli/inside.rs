@@ -18,11 +18,11 @@ fn ball(sensor: &Sensor, middle: DVec3) -> Vec<f32> {
     let [width, height] = SIZE;
     let looks = Projection::new(&sensor.lens, SIZE, [1.0; 2]);
     let pixel = |at: usize| {
-        let (from, direction) = looks.line([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5]);
+        let (from, direction) = looks.ray_at([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5]);
         let direction = direction.normalize();
         let to = middle - from;
         let half_chord = 16.0 - (to - direction * to.dot(direction)).length_squared();
-        let mm = (to.dot(direction) - half_chord.max(0.0).sqrt()) * direction.dot(looks.ahead());
+        let mm = (to.dot(direction) - half_chord.max(0.0).sqrt()) * direction.dot(looks.optical_axis());
         if half_chord > 0.0 { mm as f32 } else { 90.0 }
     };
     (0..width * height).map(pixel).collect()
@@ -224,7 +224,7 @@ fn calibrate_says_what_to_do_for_a_gel_that_has_a_shape() {
 #[test]
 fn plans_of_frames_keep_the_size_of_the_frames() {
     let overrides = Overrides { fidelity: Some(Fidelity::Draft), ..Overrides::default() };
-    let frames = gelsim_job::plan::frames::Frames {
+    let frames = gelsim_job::plan::frames::FrameSettings {
         sensor: "allsight",
         resolution_px: [40, 60],
         layers: &[],
@@ -233,6 +233,6 @@ fn plans_of_frames_keep_the_size_of_the_frames() {
         sequence: false,
         overrides: &overrides,
     };
-    let plan: Plan = frames.plan().unwrap_or_else(|report| panic!("{report}"));
+    let plan: Plan = frames.resolve_plan().unwrap_or_else(|report| panic!("{report}"));
     assert_eq!(plan.simulator.sensor().resolution_px, [40, 60]);
 }

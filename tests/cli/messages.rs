@@ -7,7 +7,7 @@ use crate::advice::{Diagnostic, parse_report};
 use crate::support::{Folder, JOB, edited};
 
 /// The marked places of a text (line, column, words), and the text without its marks.
-fn unmark(text: &str) -> (Vec<(usize, usize, String)>, String) {
+fn split_marks(text: &str) -> (Vec<(usize, usize, String)>, String) {
     let mut places = Vec::new();
     let mut plain = String::new();
     for (number, line) in text.lines().enumerate() {
@@ -51,7 +51,7 @@ fn refused(folder: &Folder, flags: &str, expected: &[(&str, &str)]) -> Vec<Diagn
 
 /// The same for a marked job: the problems are the marked places, in their order, each once, and no others.
 fn refused_at_marks(folder: &Folder, marked: &str, flags: &str, expected: &[(&str, &str)]) {
-    let (places, job) = unmark(marked);
+    let (places, job) = split_marks(marked);
     folder.write("job.toml", job);
     let problems = refused(folder, flags, expected);
     assert_places(&problems, "job.toml", &places);
@@ -163,12 +163,12 @@ fn an_unknown_distribution_is_refused_with_the_ones_there_are() {
     let title = "unknown distribution `unifrom`: one of `uniform`, `log_uniform`, `normal` or `choice`; did you mean `uniform`?";
     // Parsed by hand: the braces are underlined, not the key.
     let marked = edited(JOB, &[("tilt_deg = { uniform = [0.0, 8.0] }", to)]);
-    let (_, job) = unmark(&marked);
+    let (_, job) = split_marks(&marked);
     let folder = Folder::with_job(&job);
     let problems = refused(&folder, "", &[(title, "")]);
     assert_eq!(problems[0].underlined, "{ unifrom = [0.0, 8.0] }");
 
-    one_mistake("[0.0, 360.0]", "«{ uniform = [0.0, 1.0], choice = [2.0] }»", "only one law at a time", "");
+    one_mistake("[0.0, 360.0]", "«{ uniform = [0.0, 1.0], choice = [2.0] }»", "only one distribution at a time", "");
     one_mistake("[0.0, 360.0]", "«{}»", "one of `uniform`, `log_uniform`, `normal` or `choice` belongs here", "");
     one_mistake("mean = 0.0, std = 1.0, ", "mean = 0.0, «sd» = 1.0, ", "unknown key `sd`", "did you mean `std`?");
 }
@@ -216,7 +216,7 @@ fn a_pattern_finds_its_files_also_from_a_folder_whose_name_looks_like_one() {
 #[test]
 fn a_job_without_an_object_is_refused() {
     let without = JOB.split("[[object]]").next().expect("a beginning").to_owned() + "[indentation]\ndepth_mm = 0.5\n";
-    let (_, job) = unmark(&without);
+    let (_, job) = split_marks(&without);
     let problems = refused(&Folder::with_job(&job), "", &[("the job has no object", "[[object]]")]);
     assert_eq!(problems[0].place, "job.toml:1:1");
     let empty = format!("object = «[]»\n{without}");
@@ -613,7 +613,7 @@ fn preset_and_file_at_once_are_refused() {
 #[test]
 fn a_mistake_in_a_sensor_file_is_shown_in_that_file() {
     let in_sensor = |marked: &str, expected: &[(&str, &str)]| {
-        let (places, text) = unmark(marked);
+        let (places, text) = split_marks(marked);
         let folder = Folder::with_job(&edited(JOB, &[("[sensor]", "[sensor]\nfile = \"mine.toml\"")]));
         folder.write("mine.toml", text);
         assert_places(&refused(&folder, "", expected), "mine.toml", &places);

@@ -3,7 +3,7 @@
 use embedded_graphics::text::Baseline;
 use gelsim_lab::page::letters::{self, Face};
 
-use crate::support::{Folder, JOB, edited, members, repository};
+use crate::support::{Folder, JOB, advised_arguments, edited, members, repository};
 
 fn picture(folder: &Folder, name: &str) -> image::RgbImage {
     image::open(folder.path(name)).expect("a PNG").into_rgb8()
@@ -99,7 +99,7 @@ fn of_a_dataset_that_is_not_complete_what_is_there_is_shown() {
     assert_sheet(&picture(&folder, "sheet.png"), 2, 2, 3);
     let text = folder.fail("preview out --out sheet.png --key 7", 1);
     assert!(text.contains(".tar: ") && text.contains("gelsim verify out"), "{text}");
-    let generate = advised(&said, "gelsim ").split_once(" makes").expect("what it does").0;
+    let generate = advised_arguments(&said, "gelsim ").split_once(" makes").expect("what it does").0;
     folder.succeed(generate);
     assert_eq!(folder.succeed("preview out --out sheet.png"), "");
     assert_sheet(&picture(&folder, "sheet.png"), 2, 4, 3);
@@ -119,7 +119,7 @@ fn the_sheet_of_effects_has_a_row_for_each_that_a_job_calls_for() {
     let row = 36 + 18 + 6;
     assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (196 + 6) + 6, 18 + 6 + 7 * row));
     let left_out = "texture, rest_shape, friction, shear, grain, markers, defocus, distortion, speckle, exposure";
-    assert!(said.contains(&format!("note: samples 0 to 7: not called for are {left_out}\n")), "{said}");
+    assert!(said.contains(&format!("note: samples 0 to 7: not enabled: {left_out}\n")), "{said}");
     assert_eq!(folder.files("").len(), 4, "only the picture was written");
 }
 
@@ -150,7 +150,7 @@ fn an_effect_is_shown_with_it_without_it_and_as_a_difference() {
 fn a_sheet_of_effects_needs_a_job_that_has_some() {
     let folder = Folder::with_job(&edited(JOB, &[("no_contact = 0.25", "no_contact = 1.0")]));
     let text = folder.fail("preview job.toml --effects --out effects.png", 2);
-    assert!(text.contains("samples 0 to 7: no effect is called for"), "{text}");
+    assert!(text.contains("samples 0 to 7: no effect is enabled"), "{text}");
     let text = folder.fail("preview job.toml --effects --key 8 --out effects.png", 2);
     assert!(text.contains("there is no sample 8"), "{text}");
     folder.fail("preview job.toml --effects --columns 2 --out effects.png", 2);
@@ -158,7 +158,7 @@ fn a_sheet_of_effects_needs_a_job_that_has_some() {
     let text = folder.fail("preview out/small --effects --out effects.png", 2);
     assert!(text.contains("out/small is a dataset") && text.contains("gelsim preview out/small/job.toml"), "{text}");
     let text = folder.fail("preview out/small/job.toml --effects --out effects.png", 2);
-    assert!(text.contains("samples 0 to 7: no effect is called for"), "a dataset's job is a job: {text}");
+    assert!(text.contains("samples 0 to 7: no effect is enabled"), "a dataset's job is a job: {text}");
     assert!(!folder.path("effects.png").exists());
 }
 
@@ -178,19 +178,13 @@ const INK: [u8; 3] = [225; 3];
 
 /// True if a text stands somewhere on a sheet.
 fn is_written(sheet: &image::RgbImage, text: &str) -> bool {
-    let dots: Vec<[i32; 2]> = letters::dots(text, Face::Small, Baseline::Top).into_iter().collect();
+    let dots: Vec<[i32; 2]> = letters::letter_dots(text, Face::Small, Baseline::Top).into_iter().collect();
     let (width, height) = sheet.dimensions();
     let (wide, high) = (7 * text.chars().count() as u32, 13);
     let at = |x: u32, y: u32, dot: &[i32; 2]| sheet.get_pixel(x + dot[0] as u32, y + dot[1] as u32).0 == INK;
     let places =
         (0..(height + 1).saturating_sub(high)).flat_map(|y| (0..(width + 1).saturating_sub(wide)).map(move |x| (x, y)));
     places.into_iter().any(|(x, y)| dots.iter().all(|dot| at(x, y, dot)))
-}
-
-/// What stands after `start` in a line of what was said, as arguments of `gelsim`.
-fn advised<'a>(said: &'a str, start: &str) -> &'a str {
-    let rest = said.split_once(start).unwrap_or_else(|| panic!("{start:?} in {said}")).1;
-    rest.lines().next().unwrap_or_default().trim_end()
 }
 
 #[test]
@@ -277,10 +271,10 @@ fn layers_are_those_asked_for_or_the_ones_there_are_named() {
 
     let said = folder.fail("preview out --out none.png --layers pressure,depth", 2);
     assert!(said.contains("out was made without pressure") && !folder.path("none.png").exists(), "{said}");
-    let there = advised(&said, "there are ").split_once(';').expect("then its job").0;
+    let there = advised_arguments(&said, "there are ").split_once(';').expect("then its job").0;
     folder.succeed(&format!("preview out --out there.png {there}"));
     assert!(is_written(&picture(&folder, "there.png"), "contact"), "{there}");
-    folder.succeed(advised(&said, "its job renders others: gelsim "));
+    folder.succeed(advised_arguments(&said, "its job renders others: gelsim "));
     assert!(is_written(&picture(&folder, "none.png"), "pressure 0 to "));
 
     for (layers, words) in [
@@ -321,15 +315,15 @@ fn a_picture_is_what_its_name_says() {
     let said = folder.fail("preview job.toml --key 0 --apng --out film.jpg", 2);
     assert!(said.contains("which ends in .png"), "{said}");
     let said = folder.fail("preview job.toml --out sheet.gif", 2);
-    folder.succeed(&format!("preview job.toml {}", advised(&said, "name such a file: ")));
+    folder.succeed(&format!("preview job.toml {}", advised_arguments(&said, "name such a file: ")));
 
     std::fs::create_dir(folder.path("folder.png")).expect("a folder");
     let said = folder.fail("preview job.toml --out folder.png", 2);
     assert!(said.contains("folder.png is a folder"), "{said}");
-    folder.succeed(&format!("preview job.toml {}", advised(&said, "name a file in it: ")));
+    folder.succeed(&format!("preview job.toml {}", advised_arguments(&said, "name a file in it: ")));
     assert!(folder.path("folder.png/sheet.png").is_file());
     let said = folder.fail("preview job.toml --out deep/down/sheet.png", 2);
-    let made = advised(&said, "make it with mkdir -p ").split_once(',').expect("or another place").0;
+    let made = advised_arguments(&said, "make it with mkdir -p ").split_once(',').expect("or another place").0;
     std::fs::create_dir_all(folder.path(made)).expect("folders");
     folder.succeed("preview job.toml --out deep/down/sheet.png");
     let said = folder.fail("preview job.toml --out s3://bucket/sheet.png", 2);
@@ -342,17 +336,17 @@ fn what_only_a_job_has_is_refused_of_a_dataset_with_a_way_out() {
     folder.succeed("generate job.toml --quiet --out out");
     let said = folder.fail("preview out --out a.png --strict --samples 4 --all-effects", 2);
     assert!(said.contains("--samples, --all-effects, --strict change a job, not a dataset"), "{said}");
-    let job = advised(&said, "preview the dataset's job: ");
+    let job = advised_arguments(&said, "preview the dataset's job: ");
     folder.succeed(&format!("preview {job} --out a.png --samples 4"));
     let said = folder.fail("preview out --out b.png --key 0 --apng --seed 5", 2);
     assert!(said.contains("--seed changes a job"), "{said}");
     let said = folder.fail("preview out --out effects.png --effects", 2);
-    folder.succeed(advised(&said, "preview the job that it was made by: gelsim "));
+    folder.succeed(advised_arguments(&said, "preview the job that it was made by: gelsim "));
     assert!(picture(&folder, "effects.png").height() > 5 * 36);
     for source in ["out", "job.toml"] {
         let said = folder.fail(&format!("preview {source} --out film.png --key 3 --apng"), 2);
         assert!(said.contains("--apng shows a sequence"), "{said}");
-        folder.succeed(advised(&said, "leave --apng out: gelsim "));
+        folder.succeed(advised_arguments(&said, "leave --apng out: gelsim "));
         assert!(is_written(&picture(&folder, "film.png"), "#3"), "{source}");
     }
 }
@@ -369,10 +363,10 @@ fn a_damaged_shard_is_named_with_the_command_that_says_more() {
     for command in ["preview out --out sheet.png", "preview out --out sheet.png --count 4", &reproduce] {
         let said = folder.fail(command, 1);
         assert!(said.contains("train-000000.tar: "), "{command}: {said}");
-        let verify = advised(&said, "gelsim ").split_once(" names").expect("what it does").0;
+        let verify = advised_arguments(&said, "gelsim ").split_once(" names").expect("what it does").0;
         let output = folder.gelsim(verify).assert().code(1);
         let found = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
-        assert!(found.contains("data/train-000000.tar") && found.contains("mend it with"), "{found}");
+        assert!(found.contains("data/train-000000.tar") && found.contains("fix it with"), "{found}");
         folder.gelsim("preview out --key 7 --out other.png").assert().success();
     }
 }

@@ -83,7 +83,7 @@ fn labels_say_what_was_drawn_and_it_is_what_was_simulated() {
         ));
         // A variant is what would have been made of its sensor from nothing.
         let anew = Simulator::with_models(sensor.clone(), plan.simulator.models().clone(), plan.simulator.policy());
-        let impression = anew.press_with(&scene.press(&plan));
+        let impression = anew.press_with(&scene.to_press(&plan));
         assert!(impression.image.rgb == sample.impression.image.rgb, "sample {index}");
         assert_eq!(anew.untouched().rgb, sample.simulator.untouched().rgb);
         assert_eq!(impression.contact.force_n, sample.impression.contact.force_n);
@@ -153,7 +153,7 @@ fn a_variant_renders_as_the_same_sensor_made_anew() {
         for (number, edit) in edits.iter().enumerate() {
             let mut sensor = known.sensor().clone();
             edit(&mut sensor);
-            let mut press = Scene::draw(&plan, 0, 0).press(&plan);
+            let mut press = Scene::draw(&plan, 0, 0).to_press(&plan);
             press.camera = sensor.camera;
             let variant = known.variant(sensor.clone());
             let anew = Simulator::with_models(sensor, known.models().clone(), known.policy());

@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::support::{Folder, JOB, edited, json};
 
 /// What a run says on standard error; it ends with this status.
-fn said(folder: &Folder, arguments: &str, status: i32) -> String {
+fn messages_of(folder: &Folder, arguments: &str, status: i32) -> String {
     let assert = folder.gelsim(arguments).assert().code(status);
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
 }
@@ -51,14 +51,14 @@ fn an_object_larger_than_the_view_is_brought_into_it_by_what_plan_advises() {
     let plate = cuboid([0.0, 0.0, 0.0], [200.0, 200.0, 5.0], 0) + &cuboid([0.0, 0.0, -10.0], [6.0, 6.0, 0.0], 8);
     folder.write("plate.obj", plate);
     folder.write("job.toml", one_object("plate.obj", ""));
-    let before = said(&folder, "plan job.toml", 0);
+    let before = messages_of(&folder, "plan job.toml", 0);
     assert!(before.contains("0 of 8 samples that were tried touch the pad"), "{before}");
     assert!(before.contains("write anchor = \"contact\" under [pose]"), "{before}");
     // generate says it, too, and before it begins.
-    assert!(said(&folder, "generate job.toml --out missed", 0).starts_with("warning: 0 of 8"));
+    assert!(messages_of(&folder, "generate job.toml --out missed", 0).starts_with("warning: 0 of 8"));
     assert_eq!(touching(&folder, "missed"), 0);
     folder.write("job.toml", edited(&one_object("plate.obj", ""), &[("[pose]\n", "[pose]\nanchor = \"contact\"\n")]));
-    let after = said(&folder, "generate job.toml --out met", 0);
+    let after = messages_of(&folder, "generate job.toml --out met", 0);
     assert!(!after.contains("warning"), "{after}");
     assert_eq!(touching(&folder, "met"), 8);
 }
@@ -82,7 +82,7 @@ fn a_ring_around_the_view_is_placed_where_plan_advises() {
         ],
     );
     folder.write("job.toml", job.as_str());
-    let said = said(&folder, "plan job.toml", 0);
+    let said = messages_of(&folder, "plan job.toml", 0);
     let (_, advice) = said.split_once("help: write x_mm = ").unwrap_or_else(|| panic!("{said}"));
     let (x, rest) = advice.split_once(" and y_mm = ").expect("two numbers");
     let y = rest.split_once(" under [pose]").expect("where").0;
@@ -111,7 +111,7 @@ fn a_mesh_in_another_unit_is_pressed_when_its_unit_is_written() {
     folder.write("metres.obj", metres);
     folder.write("job.toml", one_object("metres.obj", ""));
     for command in ["plan job.toml", "preview job.toml --out sheet.png --count 2", "generate job.toml --out small"] {
-        let before = said(&folder, command, 0);
+        let before = messages_of(&folder, command, 0);
         assert!(
             before.contains("look like metres (5 mm)") && before.contains("write unit = \"m\""),
             "{command}: {before}"
@@ -139,7 +139,7 @@ fn a_rim_without_thickness_is_said_by_every_command() {
     folder
         .write("job.toml", edited(&one_object("set/tube.obj", ""), &[("[pose]\n", "[pose]\nanchor = \"contact\"\n")]));
     for command in ["plan job.toml", "generate job.toml --out out", "preview job.toml --out sheet.png --count 2"] {
-        let said = said(&folder, command, 0);
+        let said = messages_of(&folder, command, 0);
         assert!(said.contains("warning: ") && said.contains("narrower than two pixels"), "{command}: {said}");
     }
     for command in ["inspect set/tube.obj --strict", "inspect set --strict"] {
@@ -159,7 +159,7 @@ fn two_hundred_meshes_with_one_fault_are_one_message() {
         folder.write(&format!("set/{k:03}.obj"), cuboid([0.0; 3], [0.004, 0.005, 0.006], 0));
     }
     folder.write("job.toml", one_object("set/*.obj", ""));
-    let said = said(&folder, "plan job.toml", 0);
+    let said = messages_of(&folder, "plan job.toml", 0);
     assert!(said.contains("200 meshes look like another unit: set/000.obj (0.006 mm), set/001.obj (0.006 mm), set/002.obj (0.006 mm) and 197 more") || said.contains("and 197 more"), "{said}");
     assert!(said.matches("warning: ").count() <= 2, "{said}");
 }
@@ -171,8 +171,8 @@ fn what_needs_nothing_done_does_not_stop_a_strict_run() {
     let mesh = cuboid([-2.5, -2.5, 0.0], [2.5, 2.5, 5.0], 0) + "f 1 1 2\nf 3 3 3\nf 1 4 3\nf 1 4 3\n";
     folder.write("flawed.obj", mesh);
     folder.write("job.toml", one_object("flawed.obj", ""));
-    assert_eq!(said(&folder, "plan job.toml --strict", 0), "");
-    let all = said(&folder, "plan job.toml --verbose", 0);
+    assert_eq!(messages_of(&folder, "plan job.toml --strict", 0), "");
+    let all = messages_of(&folder, "plan job.toml --verbose", 0);
     assert!(all.contains("info: flawed.obj: dropped"), "{all}");
 }
 
@@ -205,7 +205,7 @@ fn a_frame_in_another_unit_or_from_another_plane_is_pressed_as_deep_as_it_is_whe
     .enumerate()
     {
         let out = format!("wrong-{number}");
-        let refused = said(&folder, &format!("render --depth {wrong} {HERE} --out {out}"), 2);
+        let refused = messages_of(&folder, &format!("render --depth {wrong} {HERE} --out {out}"), 2);
         assert!(refused.contains(advice), "{wrong}: {refused}");
         assert!(!folder.path(&out).exists());
         folder.succeed(&format!("render --depth {mended} {HERE} --out {out}"));
@@ -243,7 +243,7 @@ fn a_place_that_looks_like_an_address_is_refused() {
         ("~/x", "write it without quotes"),
     ] {
         for command in ["generate job.toml", "plan job.toml", "preview job.toml", "tradeoff job.toml"] {
-            let said = said(&folder, &format!("{command} --out {out}"), 2);
+            let said = messages_of(&folder, &format!("{command} --out {out}"), 2);
             assert!(said.contains(advice), "{command} {out}: {said}");
         }
     }
@@ -329,10 +329,10 @@ fn keys_that_change_nothing_are_said_and_have_an_effect_when_the_advice_is_follo
         ),
     ] {
         folder.write("job.toml", format!("{}\n{more}", one_object("cube.obj", "")));
-        let before = said(&folder, "plan job.toml", 0);
+        let before = messages_of(&folder, "plan job.toml", 0);
         assert!(before.contains("note: ") && notes.iter().all(|note| before.contains(note)), "{more}: {before}");
         folder.write("job.toml", format!("{}\n{mended}", one_object("cube.obj", "")));
-        assert_eq!(said(&folder, "plan job.toml --strict", 0), "", "{mended}");
+        assert_eq!(messages_of(&folder, "plan job.toml --strict", 0), "", "{mended}");
     }
 }
 
@@ -390,7 +390,7 @@ fn images_are_read_by_their_bytes_wherever_one_is_read() {
             "job.toml",
             edited(JOB, &[("resolution_px =", &format!("background = \"{name}\"\nresolution_px ="))]),
         );
-        let said = said(&folder, "plan job.toml", 2);
+        let said = messages_of(&folder, "plan job.toml", 2);
         assert!(said.contains(words) && !said.contains("Png:") && !said.contains("Huffman"), "{said}");
     }
 }
@@ -444,7 +444,8 @@ fn sixty_frames_with_one_fault_are_one_message() {
     for k in 0..60 {
         fs::write(folder.path(&format!("frames/{k:02}.npy")), npy::encode(48, 36, &[&values])).expect("a frame");
     }
-    let said = said(&folder, &format!("render --depth frames --depth-unit mm --plane-mm 10 {HERE} --out out"), 2);
+    let said =
+        messages_of(&folder, &format!("render --depth frames --depth-unit mm --plane-mm 10 {HERE} --out out"), 2);
     assert_eq!(said.matches("error: ").count(), 1, "{said}");
     assert!(said.contains("60") && said.contains("00.npy") && said.contains("57 more"), "{said}");
     assert!(said.contains("--background-value=nan"), "{said}");
@@ -481,11 +482,11 @@ fn a_format_that_states_its_unit_is_believed() {
     for (name, length) in [("small.gltf", 0.005), ("tiny.gltf", 0.0004), ("large.gltf", 0.9)] {
         folder.write(name, gltf(length));
         folder.write("job.toml", one_object(name, ""));
-        let said = said(&folder, "plan job.toml", 0);
+        let said = messages_of(&folder, "plan job.toml", 0);
         assert!(!said.contains("look like") && !said.contains("write unit"), "{name}: {said}");
     }
     // The same numbers in a format that states none.
     folder.write("small.obj", cuboid([0.0; 3], [0.005; 3], 0));
     folder.write("job.toml", one_object("small.obj", ""));
-    assert!(said(&folder, "plan job.toml", 0).contains("write unit = \"m\""));
+    assert!(messages_of(&folder, "plan job.toml", 0).contains("write unit = \"m\""));
 }

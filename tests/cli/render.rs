@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use std::thread;
 
 use gelsim_core::base::grid::Grid;
-use gelsim_core::depth::{self, Window};
+use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_files::exr::{Compression, Exr, Pixel};
 use gelsim_files::{exr, image_file, npy, png};
 use gelsim_job::config::Overrides;
@@ -32,13 +32,13 @@ fn job() -> String {
 }
 
 /// What a depth camera sees in sample `index` of `plan`: distances in mm, 90 mm where nothing is.
-fn seen(plan: &Plan, index: u64) -> Grid<f64> {
+fn depth_camera_image(plan: &Plan, index: u64) -> Grid<f64> {
     let scene = Scene::draw(plan, index, 0);
-    let window = Window { margin_px: 0, above_mm: 80.0 };
-    let overlap =
-        depth::captured(&scene.indenter(plan), plan.simulator.view(), window, plan.thickness_mm()).penetration;
-    let data = overlap.data.iter().map(|mm| PLANE_MM - f64::from(*mm)).collect();
-    Grid { width: overlap.width, height: overlap.height, data }
+    let window = CaptureWindow { margin_px: 0, above_mm: 80.0 };
+    let penetration =
+        depth::capture_indenter(&scene.indenter(plan), plan.simulator.view(), window, plan.thickness_mm()).penetration;
+    let data = penetration.data.iter().map(|mm| PLANE_MM - f64::from(*mm)).collect();
+    Grid { width: penetration.width, height: penetration.height, data }
 }
 
 /// An npy file of such values.
@@ -101,23 +101,23 @@ fn picture(folder: &Folder, name: &str) -> Vec<u8> {
 }
 
 /// The largest difference of two images, levels.
-fn apart(a: &[u8], b: &[u8]) -> u8 {
+fn largest_difference(a: &[u8], b: &[u8]) -> u8 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap_or_default()
 }
 
 #[test]
 fn frames_of_our_own_capture_give_what_generate_gives() {
-    for rung in ["paper", "standard"] {
+    for level in ["paper", "standard"] {
         let folder = Folder::with_job(&job());
-        folder.succeed(&format!("generate job.toml --quiet --out set --fidelity {rung}"));
+        folder.succeed(&format!("generate job.toml --quiet --out set --fidelity {level}"));
         let plan = Plan::load(&folder.path("job.toml"), &Overrides::default()).expect("a sound job");
         std::fs::create_dir_all(folder.path("frames")).expect("a folder");
         for index in 0..8 {
-            folder.write(&format!("frames/{index:09}.npy"), doubles(&seen(&plan, index)));
+            folder.write(&format!("frames/{index:09}.npy"), doubles(&depth_camera_image(&plan, index)));
         }
         let said = folder.succeed(&format!(
-            "render --depth frames --depth-unit mm {HERE} --fidelity {rung} --layers depth,surface,contact,normal"
+            "render --depth frames --depth-unit mm {HERE} --fidelity {level} --layers depth,surface,contact,normal"
         ));
         assert_eq!(said, "8 frames, 8 in contact -> out\n");
         for (key, expected) in folder.samples("set") {
@@ -133,7 +133,7 @@ fn frames_of_our_own_capture_give_what_generate_gives() {
                     assert!(differ * 4 < expected.len(), "{name}: {differ} values differ");
                     continue;
                 }
-                assert!(folder.read_bytes(&name) == *bytes, "{rung} {key}.{suffix} differs from generate's");
+                assert!(folder.read_bytes(&name) == *bytes, "{level} {key}.{suffix} differs from generate's");
             }
             let mut found = json(&folder, &format!("out/{key}.json"));
             // All of the contact is in view, but a frame cannot know that.
@@ -142,7 +142,7 @@ fn frames_of_our_own_capture_give_what_generate_gives() {
                 found["contact"][name] = label["contact"][name].clone();
             }
             for part in ["contact", "sensor", "health", "fidelity"] {
-                assert_eq!(found[part], label[part], "{rung} {key} {part}");
+                assert_eq!(found[part], label[part], "{level} {key} {part}");
             }
             assert_eq!((&found["object"]["id"], &found["object"]["mesh_sha256"]), (&Value::from(key), &"".into()));
             let depth = |label: &Value| label["indentation_depth_mm"].as_f64().expect("a number");
@@ -174,7 +174,7 @@ fn every_format_unit_and_order_gives_the_same_image() {
         let stem = name.split('.').next().expect("a name");
         let found = picture(&folder, &format!("out/{stem}.tactile.png"));
         // Half a micrometre of the PNG's steps is a slope of a thousandth.
-        assert!(apart(&found, &expected) <= 1, "{name}: {} levels", apart(&found, &expected));
+        assert!(largest_difference(&found, &expected) <= 1, "{name}: {} levels", largest_difference(&found, &expected));
     }
     assert!(expected.iter().max() > expected.iter().min());
 }
@@ -228,7 +228,7 @@ fn a_perspective_frame_shows_the_same_press_and_counts_what_it_could_not_see() {
             .replace(" --plane-mm 10", ""),
     );
     let (found, expected) = (picture(&folder, "out/seen.tactile.png"), picture(&folder, "out/a.tactile.png"));
-    assert!(apart(&found, &expected) <= 1, "{} levels", apart(&found, &expected));
+    assert!(largest_difference(&found, &expected) <= 1, "{} levels", largest_difference(&found, &expected));
     let [unseen, none] =
         ["seen", "a"].map(|name| json(&folder, &format!("out/{name}.json"))["health"]["unseen_px"].clone());
     assert_eq!((unseen, none), (0.into(), 0.into()), "beside a ball, rays reach the pad");
@@ -406,7 +406,7 @@ fn a_stream_gives_the_images_that_files_give() {
     let images: Vec<&[u8]> = output.get_output().stdout.chunks(128 + 48 * 36 * 3).collect();
     assert_eq!(images.len(), 4);
     for (number, image) in images.into_iter().enumerate() {
-        let (shape, length) = npy::announced(&image[..128]).expect("a header");
+        let (shape, length) = npy::read_announced_shape(&image[..128]).expect("a header");
         assert_eq!((shape.as_slice(), length), ([36, 48, 3].as_slice(), image.len() - 128));
         assert_eq!(&image[128..], picture(&folder, &format!("out/{number}.tactile.png")), "{number}");
     }

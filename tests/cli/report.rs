@@ -5,10 +5,10 @@ use std::fs;
 
 use roxmltree::{Document, Node, ParsingOptions};
 
-use crate::support::{Folder, JOB, closed_tags, edited, json};
+use crate::support::{Folder, JOB, advised_arguments, closed_tags, edited, json};
 
 /// Generates the job and writes its page; the page and what was said.
-fn reported(folder: &Folder) -> (String, String) {
+fn generate_page(folder: &Folder) -> (String, String) {
     folder.succeed("generate job.toml --quiet --out out");
     written(folder)
 }
@@ -66,7 +66,7 @@ fn titles(document: &Document) -> Vec<String> {
 #[test]
 fn the_page_counts_what_the_manifest_counts() {
     let folder = Folder::with_job(JOB);
-    let (page, said) = reported(&folder);
+    let (page, said) = generate_page(&folder);
     assert_eq!(said, "");
     let document = parsed(&page);
     let (rows, manifest) = (rows(&document), json(&folder, "out/dataset.json"));
@@ -98,7 +98,7 @@ fn the_page_counts_what_the_manifest_counts() {
 #[test]
 fn the_page_is_the_same_again_and_is_neither_a_stray_nor_left_behind() {
     let folder = Folder::with_job(JOB);
-    reported(&folder);
+    generate_page(&folder);
     let page = folder.read("out/report.html");
     folder.succeed("report out --out elsewhere.html");
     assert_eq!(folder.read("elsewhere.html"), page);
@@ -113,7 +113,7 @@ fn the_page_is_the_same_again_and_is_neither_a_stray_nor_left_behind() {
 #[test]
 fn forces_that_no_model_knows_are_said_to_be_unknown() {
     let folder = Folder::with_job(&(String::from("gelpad = \"gaussian\"\n") + JOB));
-    let (page, _) = reported(&folder);
+    let (page, _) = generate_page(&folder);
     let document = parsed(&page);
     assert!(titles(&document).contains(&String::from("Normal force")));
     assert!(page.contains("the pad model knows none") && page.contains("the pad model is gaussian"));
@@ -124,12 +124,12 @@ fn forces_that_no_model_knows_are_said_to_be_unknown() {
 fn no_contact_equal_values_and_a_single_sample_make_no_empty_axes() {
     let edits = [("samples = 8", "samples = 1"), ("no_contact = 0.25", "no_contact = 1.0")];
     let lone = Folder::with_job(&edited(JOB, &edits));
-    let (page, _) = reported(&lone);
+    let (page, _) = generate_page(&lone);
     let document = parsed(&page);
     assert!(page.contains("no sample is in contact") && page.contains("no sample is pressed"));
     assert_eq!(rows(&document)["in contact"], ["0", "0", "0", "0", "0.0 %"]);
     let constant = ("depth_mm = { log_uniform = [0.3, 1.2] }", "depth_mm = 0.5");
-    let (page, _) = reported(&Folder::with_job(&edited(JOB, &[constant, ("no_contact = 0.25", "")])));
+    let (page, _) = generate_page(&Folder::with_job(&edited(JOB, &[constant, ("no_contact = 0.25", "")])));
     parsed(&page);
     assert!(page.contains("0.5 mm in all 8"));
 }
@@ -137,11 +137,11 @@ fn no_contact_equal_values_and_a_single_sample_make_no_empty_axes() {
 #[test]
 fn extras_are_shown_where_a_job_has_them() {
     let plain = Folder::with_job(JOB);
-    let (page, _) = reported(&plain);
+    let (page, _) = generate_page(&plain);
     assert!(!titles(&parsed(&page)).iter().any(|title| title.contains("Texture") || title.contains("markers")));
     let extras = "\n[texture]\namplitude_mm = [0.01, 0.05]\n[shear]\nx_mm = [-0.3, 0.3]\n[markers]\npitch_mm = 1.5\ndiameter_mm = 0.5\n";
     let folder = Folder::with_job(&(JOB.to_owned() + extras));
-    let (page, _) = reported(&folder);
+    let (page, _) = generate_page(&folder);
     let titles = titles(&parsed(&page));
     for title in ["Texture amplitude", "Shift in the pad's plane", "Shear force", "Mean motion of markers"] {
         assert!(titles.iter().any(|found| found == title), "{title} in {titles:?}");
@@ -157,7 +157,7 @@ fn what_is_damaged_or_missing_is_named_and_the_rest_is_shown() {
     fs::write(&tar, &bytes[..bytes.len() / 2]).expect("cut");
     fs::remove_file(folder.path("out/stats/val-000000.json")).expect("a file");
     let (page, said) = written(&folder);
-    for name in ["data/train-000000.tar: has ", "stats/val-000000.json: is missing or not whole"] {
+    for name in ["data/train-000000.tar: has ", "stats/val-000000.json: is missing or incomplete"] {
         assert!(said.contains(&format!("warning: {name}")) && page.contains(name), "{name} in {said}");
     }
     let left: u64 = rows(&parsed(&page))["all classes"][3].parse().expect("a count");
@@ -215,12 +215,6 @@ fn folders_and_names_that_will_not_do_are_refused_before_anything_is_written() {
     assert!(text.contains("there is no folder missing") && text.contains("mkdir -p missing"), "{text}");
 }
 
-/// What was advised after `start`, as arguments of `gelsim`.
-fn advised<'a>(said: &'a str, start: &str) -> &'a str {
-    let rest = said.split_once(start).unwrap_or_else(|| panic!("{start:?} in {said}")).1;
-    rest.lines().next().unwrap_or_default().trim_end()
-}
-
 #[test]
 fn the_page_goes_where_the_remedy_says() {
     let folder = Folder::with_job(JOB);
@@ -228,10 +222,10 @@ fn the_page_goes_where_the_remedy_says() {
     fs::create_dir(folder.path("d.html")).expect("a folder");
     let text = folder.fail("report out --out d.html", 2);
     assert!(text.contains("d.html is a folder"), "{text}");
-    folder.succeed(&format!("report out {}", advised(&text, "name a file in it: ")));
+    folder.succeed(&format!("report out {}", advised_arguments(&text, "name a file in it: ")));
     assert!(folder.path("d.html/report.html").is_file());
     let text = folder.fail("report out --out page.txt", 2);
-    folder.succeed(&format!("report out {}", advised(&text, "name such a file: ")));
+    folder.succeed(&format!("report out {}", advised_arguments(&text, "name such a file: ")));
     assert!(folder.path("report.html").is_file());
     let text = folder.fail("report out --out s3://bucket/page.html", 2);
     assert!(text.contains("is in an object store"), "{text}");
@@ -243,8 +237,8 @@ fn warnings_end_with_the_command_that_mends_or_says_more() {
     folder.succeed("generate job.toml --quiet --out out");
     fs::remove_file(folder.path("out/dataset.json")).expect("a file");
     let said = folder.succeed("report out");
-    assert!(said.starts_with("warning: dataset.json: is missing or not whole\n"), "{said}");
-    folder.succeed(advised(&said, "mend it with gelsim "));
+    assert!(said.starts_with("warning: dataset.json: is missing or incomplete\n"), "{said}");
+    folder.succeed(advised_arguments(&said, "fix it with gelsim "));
     assert_eq!(folder.succeed("report out"), "");
 
     for name in ["data/train-000001.tar", "stats/train-000001.json", "dataset.json"] {
@@ -252,7 +246,7 @@ fn warnings_end_with_the_command_that_mends_or_says_more() {
     }
     let said = folder.succeed("report out");
     assert!(said.contains("1 of 4 shards are not there: train-000001"), "{said}");
-    folder.succeed(advised(&said, "mend it with gelsim "));
+    folder.succeed(advised_arguments(&said, "fix it with gelsim "));
     assert_eq!(folder.succeed("report out"), "");
 
     // A tar alone is gone: nothing says that all shards are there.
@@ -260,10 +254,10 @@ fn warnings_end_with_the_command_that_mends_or_says_more() {
     fs::remove_file(folder.path("out/dataset.json")).expect("a file");
     let said = folder.succeed("report out");
     assert!(!said.contains("all shards are there") && said.contains("train-000001.tar: is missing"), "{said}");
-    let verify = advised(&said, "warning: gelsim ").split_once(" names").expect("what it does").0;
+    let verify = advised_arguments(&said, "warning: gelsim ").split_once(" names").expect("what it does").0;
     let found = folder.gelsim(verify).assert().code(1);
     let found = String::from_utf8_lossy(&found.get_output().stdout).into_owned();
-    folder.succeed(advised(&found, "  gelsim "));
+    folder.succeed(advised_arguments(&found, "  gelsim "));
     assert_eq!(folder.succeed("report out"), "");
 }
 
@@ -282,7 +276,7 @@ fn one_cause_in_many_files_is_one_warning() {
 fn names_are_written_as_they_are_and_the_depth_of_white_is_said() {
     let name = "[[object]]\npath = \"cube.obj\"\nclass = \"hex nut \u{7403}\"";
     let folder = Folder::with_job(&edited(JOB, &[("[[object]]\npath = \"cube.obj\"", name)]));
-    let (page, _) = reported(&folder);
+    let (page, _) = generate_page(&folder);
     let document = parsed(&page);
     let captions: Vec<String> =
         document.descendants().filter(|node| node.has_tag_name("figcaption")).map(text).collect();

@@ -47,7 +47,7 @@ mod stopped {
 
     /// Starts the run, waits until the short shard is complete and the long one grows, and sends the signal. Exit
     /// status, if it exited, and what it said. A machine may be so busy that the run ends first: then once more.
-    fn caught(folder: &Folder, signal: &str) -> (Option<i32>, String) {
+    fn interrupt_run(folder: &Folder, signal: &str) -> (Option<i32>, String) {
         for _ in 0..10 {
             let mut run: Child = folder.spawn("generate job.toml --out caught --threads 1");
             let partial = folder.path("caught/data/.val-000000.tar.partial");
@@ -62,7 +62,10 @@ mod stopped {
                 fs::remove_dir_all(folder.path("caught")).expect("a folder");
                 continue;
             }
-            assert!(!folder.path("caught/data/val-000000.tar").exists(), "a shard has its name only when it is whole");
+            assert!(
+                !folder.path("caught/data/val-000000.tar").exists(),
+                "a shard has its name only when it is complete"
+            );
             assert!(!folder.path("caught/stats/val-000000.json").exists());
             assert!(!folder.path("caught/dataset.json").exists());
             return (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned());
@@ -71,7 +74,7 @@ mod stopped {
     }
 
     /// Runs the same command again, which must go on and end like an undisturbed run.
-    fn resumed(folder: &Folder) {
+    fn assert_resumes(folder: &Folder) {
         let before = SHORT.map(|name| modified(folder, name));
         let said = folder.succeed("generate job.toml --out caught");
         assert!(said.contains("90 samples in 1 shard,") && said.contains("1 shard was there already"), "{said}");
@@ -83,35 +86,35 @@ mod stopped {
     #[test]
     fn a_killed_run_is_finished_by_the_same_command() {
         let folder = long_job();
-        let (status, _) = caught(&folder, "KILL");
+        let (status, _) = interrupt_run(&folder, "KILL");
         assert_eq!(status, None, "killed");
         assert!(folder.path("caught/data/.val-000000.tar.partial").exists(), "killed in the middle of the shard");
-        resumed(&folder);
+        assert_resumes(&folder);
     }
 
     #[test]
     fn an_interrupted_run_ends_with_130_and_is_finished_by_the_same_command() {
         let folder = long_job();
-        let (status, said) = caught(&folder, "INT");
+        let (status, said) = interrupt_run(&folder, "INT");
         assert_eq!(status, Some(130), "{said}");
         assert!(said.contains("the same command goes on from there"), "{said}");
         assert_swept(&folder, "caught");
-        resumed(&folder);
+        assert_resumes(&folder);
     }
 
     #[test]
     fn a_terminated_run_ends_with_143_and_is_finished_by_the_same_command() {
         let folder = long_job();
-        let (status, said) = caught(&folder, "TERM");
+        let (status, said) = interrupt_run(&folder, "TERM");
         assert_eq!(status, Some(143), "{said}");
         assert_swept(&folder, "caught");
-        resumed(&folder);
+        assert_resumes(&folder);
     }
 
     #[test]
     fn a_killed_run_can_be_finished_in_parts() {
         let folder = long_job();
-        caught(&folder, "KILL");
+        interrupt_run(&folder, "KILL");
         // What another killed run may have left beside a shard that is complete.
         folder.write("caught/data/.train-000000.lock", "process 1 on elsewhere\n");
         folder.write("caught/stats/.train-000000.json.1.partial", "{");
@@ -121,10 +124,10 @@ mod stopped {
     }
 }
 
-/// The job of [`JOB`], complete in `whole`, and complete in `out` but for what `damage` does to it.
+/// The job of [`JOB`], made in `complete`, and in `out`, too, but for what `damage` does to it.
 fn damaged(damage: impl Fn(&Folder)) -> Folder {
     let folder = Folder::with_job(JOB);
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     folder.succeed("generate job.toml --quiet --out out");
     damage(&folder);
     folder
@@ -138,7 +141,7 @@ fn assert_repaired(folder: &Folder) {
     assert!(said.contains(" in 1 shard,") && said.contains("3 shards were there already"), "{said}");
     assert_eq!(modified(folder, intact), before);
     assert_swept(folder, "out");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
 }
 
 #[test]
@@ -183,8 +186,8 @@ fn missing_files_about_the_whole_are_written_again() {
         }
     });
     folder.succeed("generate job.toml --quiet --out out");
-    assert_same_files(&folder.files("whole/data"), &folder.files("out/data"));
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert_same_files(&folder.files("complete/data"), &folder.files("out/data"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
 }
 
 #[test]
@@ -248,7 +251,7 @@ fn overwrite_makes_the_same_dataset_anew() {
     let folder = damaged(|_| ());
     let said = folder.succeed("generate job.toml --out out --overwrite");
     assert!(said.contains("8 samples in 4 shards"), "{said}");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
 }
 
 #[test]
@@ -299,13 +302,13 @@ fn a_dataset_of_another_version_is_refused_by_that_version() {
     let text = folder.fail("generate job.toml --out out", 2);
     assert!(text.contains("gelsim 0.0.1 made it") && text.contains("--overwrite"), "{text}");
     folder.succeed("generate job.toml --quiet --out out --overwrite");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
 }
 
 #[test]
 fn who_holds_a_shard_is_named_and_the_other_shards_are_written() {
     let folder = Folder::with_job(JOB);
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     folder.succeed("generate job.toml --quiet --out out --shards 0..1");
     let mut lock = File::create(folder.path("out/data/.val-000000.lock")).expect("a lock file");
     writeln!(lock, "process 4711 on elsewhere").expect("a line");
@@ -318,7 +321,7 @@ fn who_holds_a_shard_is_named_and_the_other_shards_are_written() {
     drop(lock);
     folder.succeed("generate job.toml --out out");
     assert_swept(&folder, "out");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
 }
 
 #[test]
@@ -329,7 +332,7 @@ fn processes_at_once_on_the_same_shards_finish_the_dataset_together() {
         ("[48, 36]", "[96, 72]"),
     ];
     let folder = Folder::with_job(&edited(JOB, &edits));
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     let runs: Vec<_> = (0..3).map(|_| folder.spawn("generate job.toml --out out --threads 1")).collect();
     let mut finished = 0;
     for run in runs {
@@ -344,5 +347,5 @@ fn processes_at_once_on_the_same_shards_finish_the_dataset_together() {
     // Whoever wrote the last shard saw that it was the last.
     assert!(finished >= 1);
     assert_swept(&folder, "out");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("out"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("out"));
 }

@@ -65,14 +65,14 @@ fn every_key_in_a_schema_is_described() {
 
 fn assert_no_problems_of_form(path: &Path) {
     let mut problems = Diagnostics::default();
-    let written = config::read(path, &Overrides::default(), &mut problems).expect("a job");
+    let written = config::read_job(path, &Overrides::default(), &mut problems).expect("a job");
     assert!(problems.is_empty(), "{}", Report::new(&problems, &written.document.sources));
 }
 
 #[test]
 fn the_bundled_jobs_have_no_mistakes_of_form() {
     for path in files("configs", "toml") {
-        // What augments a dataset is no job; tests/pipeline runs it.
+        // What augments a dataset is no job; tests/python runs it.
         if !path.ends_with("augment.toml") {
             assert_no_problems_of_form(&path);
         }
@@ -127,7 +127,8 @@ fn every_default_that_init_shows_is_the_default() {
     let text = open.join("\n").replace("\npreset", "\n[sensor]\npreset");
     let read = |text: &str| {
         let mut problems = Diagnostics::default();
-        let written = config::read_text("init", text.to_owned(), Path::new(""), &Overrides::default(), &mut problems);
+        let written =
+            config::read_job_text("init", text.to_owned(), Path::new(""), &Overrides::default(), &mut problems);
         assert!(problems.is_empty(), "{}", Report::new(&problems, &written.document.sources));
         let mut job = toml::Table::try_from(&written.job).expect("a table");
         let level = job.remove("fidelity").map_or(Fidelity::default().name().into(), |level| level);

@@ -1,11 +1,9 @@
 //! Sequences: what a run writes of them, that one frame is a press, that nothing depends on threads or division, and what is said of
 //! mistakes.
 
-use std::collections::BTreeMap;
-
 use serde_json::Value;
 
-use crate::support::{Folder, assert_same_files, edited};
+use crate::support::{Folder, edited};
 
 const PHASES: &str = r#"
 [sequence]
@@ -61,22 +59,11 @@ layers = ["depth", "contact", "markers", "slip", "flow"]
 }
 
 fn folder(job: &str) -> Folder {
-    let folder = Folder::with_job(job);
-    for name in ["sphere", "cube", "cone", "thin_ridge", "flat_face"] {
-        let mesh = std::fs::read(crate::support::repository().join(format!("objects/{name}.obj"))).expect("a mesh");
-        folder.write(&format!("{name}.obj"), mesh);
-    }
-    folder
+    Folder::with_objects(job, &["sphere", "cube", "cone", "thin_ridge", "flat_face"])
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().expect("a list").iter().map(|number| number.as_f64().expect("a number")).collect()
-}
-
-/// What a command writes to standard output.
-fn printed(folder: &Folder, arguments: &str) -> String {
-    let output = folder.gelsim(arguments).output().expect("it runs");
-    String::from_utf8(output.stdout).expect("UTF-8")
 }
 
 fn frames(label: &Value) -> &Vec<Value> {
@@ -99,40 +86,17 @@ fn one_frame_that_presses_is_the_press_byte_for_byte() {
     let sequence = edited(&press, &[("[indentation]\ndepth_mm = 0.6\n", phase)]);
     let folder = folder(&press);
     folder.write("moves.toml", sequence);
-    folder.succeed("generate job.toml --quiet --out press");
-    folder.succeed("generate moves.toml --quiet --out moves");
-    let (press, moves) = (folder.samples("press"), folder.samples("moves"));
-    assert_eq!(press.len(), 6);
-    let mut touches = 0;
-    for (key, files) in press {
-        let mut expected: BTreeMap<String, Vec<u8>> =
-            files.into_iter().map(|(name, bytes)| (format!("f0000.{name}"), bytes)).collect();
-        let label: Value = serde_json::from_slice(&expected.remove("f0000.json").expect("a label")).expect("JSON");
-        let mut found = moves[&key].clone();
-        let sequence: Value = serde_json::from_slice(&found.remove("json").expect("a label")).expect("JSON");
-        assert_same_files(&expected, &found);
-        let frame = &sequence["frames"][0];
-        for part in ["pose", "indentation_depth_mm", "contact", "numerics", "health", "markers"] {
-            assert_eq!(frame[part], label[part], "{part} of {key}");
-        }
-        assert_eq!(sequence["camera"], label["camera"]);
-        touches += u64::from(label["contact"]["in_contact"] == true);
-    }
-    assert!(touches > 3);
+    let touches = folder.assert_presses_are_first_frames();
+    assert_eq!(folder.samples("press").len(), 6);
+    assert!(touches > 3, "{touches}");
 }
 
 #[test]
 fn bytes_do_not_depend_on_threads_or_on_how_the_work_is_divided() {
     let folder = folder(&job());
-    folder.succeed("generate job.toml --quiet --out one --threads 1");
-    folder.succeed("generate job.toml --quiet --out four --threads 4");
-    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("four"));
-    for part in [1, 0] {
-        folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2"));
-    }
-    assert_same_files(&folder.lasting_files("one"), &folder.lasting_files("parts"));
+    folder.assert_same_however_divided();
     folder.succeed("verify one");
-    let said = printed(&folder, "reproduce one 4");
+    let said = folder.stdout_of("reproduce one 4");
     assert!(said.contains("f0003.flow.exr: the same") && said.contains("the same sample"), "{said}");
 }
 
@@ -297,7 +261,7 @@ fn a_folder_has_a_row_for_each_frame_and_verify_misses_a_frame() {
             && rows[0]["flow_path"].as_str().is_some_and(|path| path.ends_with(".f0000.flow.exr"))
     );
     std::fs::remove_file(folder.path("out/moves/data/train-000000").join(first)).expect("it is there");
-    let said = printed(&folder, "verify out/moves");
+    let said = folder.stdout_of("verify out/moves");
     assert!(said.contains(&format!("{first} is missing")), "{said}");
 }
 
@@ -330,7 +294,7 @@ fn strips_films_and_reports_show_sequences() {
 #[test]
 fn tradeoff_compares_force_slip_and_motion() {
     let folder = folder(&job());
-    let table = printed(&folder, "tradeoff job.toml --samples 2 --out t --quiet");
+    let table = folder.stdout_of("tradeoff job.toml --samples 2 --out t --quiet");
     assert!(table.contains("2 sequences of") && table.contains("flow"), "{table}");
     let result: Value = serde_json::from_str(&folder.read("t/tradeoff.json")).expect("JSON");
     let rows = result["rows"].as_array().expect("rows");

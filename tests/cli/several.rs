@@ -22,24 +22,24 @@ fn job() -> String {
 #[test]
 fn several_objects_are_the_same_however_the_work_is_divided() {
     let folder = Folder::with_job(&job());
-    let said = folder.succeed("generate job.toml --out whole --threads 1");
+    let said = folder.succeed("generate job.toml --out complete --threads 1");
     assert!(!said.contains("note") && !said.contains("place"), "{said}");
     folder.succeed("generate job.toml --quiet --out threads --threads 3");
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("threads"));
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("threads"));
     for part in [2, 0, 1] {
         folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/3"));
     }
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files("parts"));
-    folder.succeed("verify whole");
-    folder.succeed("reproduce whole 5");
-    folder.succeed("preview whole --out sheet.png");
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("parts"));
+    folder.succeed("verify complete");
+    folder.succeed("reproduce complete 5");
+    folder.succeed("preview complete --out sheet.png");
     folder.succeed("preview job.toml --out sheet.png");
-    folder.succeed("report whole --out report.html");
+    folder.succeed("report complete --out report.html");
     folder.succeed("plan job.toml");
     folder.succeed("generate job.toml --quiet --out folder --set output.container=\"folder\"");
     folder.succeed("verify folder");
     let mut counts = [0; 4];
-    for (key, members) in folder.samples("whole") {
+    for (key, members) in folder.samples("complete") {
         let label: Value = serde_json::from_slice(&members["json"]).expect("JSON");
         let objects = label["objects"].as_array().expect("a list");
         counts[objects.len()] += 1;

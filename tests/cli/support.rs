@@ -77,6 +77,15 @@ impl Folder {
         folder
     }
 
+    /// The same with these bundled meshes beside it.
+    pub fn with_objects(text: &str, objects: &[&str]) -> Self {
+        let folder = Self::with_job(text);
+        for name in objects.iter().map(|name| format!("{name}.obj")) {
+            fs::copy(repository().join("objects").join(&name), folder.path(&name)).expect("a bundled mesh");
+        }
+        folder
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
@@ -121,6 +130,52 @@ impl Folder {
             assert_mended(self, &said);
         }
         said
+    }
+
+    /// What `gelsim` writes to standard output, however it ends.
+    pub fn stdout_of(&self, arguments: &str) -> String {
+        String::from_utf8(self.gelsim(arguments).output().expect("it runs").stdout).expect("UTF-8")
+    }
+
+    /// Generates the job in `one`, on one thread; on four threads it must be the same.
+    pub fn assert_same_on_four_threads(&self) {
+        self.succeed("generate job.toml --quiet --out one --threads 1");
+        self.succeed("generate job.toml --quiet --out four --threads 4");
+        assert_same_files(&self.lasting_files("one"), &self.lasting_files("four"));
+    }
+
+    /// The same, and in two runs.
+    pub fn assert_same_however_divided(&self) {
+        self.assert_same_on_four_threads();
+        for part in [1, 0] {
+            self.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2"));
+        }
+        assert_same_files(&self.lasting_files("one"), &self.lasting_files("parts"));
+    }
+
+    /// The presses of `job.toml` are the first frames of the sequences of `moves.toml`, byte for byte. How many touch.
+    pub fn assert_presses_are_first_frames(&self) -> u64 {
+        self.succeed("generate job.toml --quiet --out press");
+        self.succeed("generate moves.toml --quiet --out moves");
+        let (press, moves) = (self.samples("press"), self.samples("moves"));
+        let mut touches = 0;
+        for (key, files) in press {
+            let mut expected: BTreeMap<String, Vec<u8>> =
+                files.into_iter().map(|(name, bytes)| (format!("f0000.{name}"), bytes)).collect();
+            let mut found = moves[&key].clone();
+            let [label, sequence] = [(&mut expected, "f0000.json"), (&mut found, "json")].map(|(files, name)| {
+                let label: serde_json::Value =
+                    serde_json::from_slice(&files.remove(name).expect("a label")).expect("JSON");
+                label
+            });
+            assert_same_files(&expected, &found);
+            for part in ["pose", "indentation_depth_mm", "contact", "numerics", "health", "markers"] {
+                assert_eq!(sequence["frames"][0][part], label[part], "{part} of {key}");
+            }
+            assert_eq!(sequence["camera"], label["camera"]);
+            touches += u64::from(label["contact"]["in_contact"] == true);
+        }
+        touches
     }
 
     /// Every file below `name`, relative to it, sorted, with its bytes.
@@ -218,6 +273,12 @@ pub fn exr_planes(bytes: &[u8]) -> Vec<(String, Vec<f32>)> {
         (channel.name.to_string(), channel.sample_data.values_as_f32().collect())
     };
     layer.channel_data.list.iter().map(plane).collect()
+}
+
+/// What stands after `start` in a line of what was said, as arguments of `gelsim`.
+pub fn advised_arguments<'a>(said: &'a str, start: &str) -> &'a str {
+    let rest = said.split_once(start).unwrap_or_else(|| panic!("{start:?} in {said}")).1;
+    rest.lines().next().unwrap_or_default().trim_end()
 }
 
 /// SHA-256 in hexadecimal digits.

@@ -58,7 +58,7 @@ const FIGURES: [(&str, bool); 9] = [
 ];
 
 /// One row per level in their order, every figure a number, the reference without error; the rows.
-fn sound(folder: &Folder, name: &str) -> Vec<BTreeMap<String, String>> {
+fn check_rows(folder: &Folder, name: &str) -> Vec<BTreeMap<String, String>> {
     let rows = rows(folder, &format!("{name}/tradeoff.csv"));
     let names: Vec<&str> = rows.iter().map(|row| row["rung"].as_str()).collect();
     assert_eq!(names, Fidelity::ALL.map(Fidelity::name));
@@ -101,12 +101,12 @@ fn four_files_and_a_table_are_the_result() {
     assert_eq!(said, "-> out/small-tradeoff\n", "messages on standard error");
     let names: Vec<String> = folder.files("out/small-tradeoff").into_keys().collect();
     assert_eq!(names, ["tradeoff.csv", "tradeoff.json", "tradeoff.png", "tradeoff.svg"]);
-    let rows = sound(&folder, "out/small-tradeoff");
+    let rows = check_rows(&folder, "out/small-tradeoff");
 
     let table = String::from_utf8(output.stdout.clone()).expect("UTF-8");
     assert!(table.starts_with("small: 2 samples; "), "{table}");
     for row in &rows {
-        let line = table.lines().find(|line| line.split(' ').next() == Some(&row["rung"])).expect("a line per rung");
+        let line = table.lines().find(|line| line.split(' ').next() == Some(&row["rung"])).expect("a line per level");
         let cells: Vec<&str> = line.split_whitespace().collect();
         assert_eq!(cells[1], format!("{:.3}", number(row, "height_rms_um")), "{line}");
         assert!(cells.contains(&format!("{:.2}", number(row, "cpu_ms_median")).as_str()), "{line}");
@@ -133,7 +133,7 @@ fn four_files_and_a_table_are_the_result() {
 fn errors_fall_from_level_to_level_on_a_smooth_object() {
     let folder = Folder::with_job(&smooth());
     folder.succeed("tradeoff job.toml --samples 4 --out out");
-    let rows = sound(&folder, "out");
+    let rows = check_rows(&folder, "out");
     for column in ["height_rms_um", "height_max_um", "normal_mean_deg", "normal_p95_deg", "image_mae"] {
         let errors: Vec<f64> = rows.iter().map(|row| number(row, column)).collect();
         assert!(errors.is_sorted_by(|a, b| a > b), "{column}: {errors:?}");
@@ -152,14 +152,14 @@ fn errors_fall_from_level_to_level_on_a_smooth_object() {
 fn the_figures_are_those_of_the_samples_themselves() {
     let folder = Folder::with_job(JOB);
     folder.succeed("tradeoff job.toml --samples 8 --out out");
-    let rows = sound(&folder, "out");
+    let rows = check_rows(&folder, "out");
     let mut problems = Diagnostics::default();
-    let written = config::read(&folder.path("job.toml"), &Overrides::default(), &mut problems).expect("a job");
+    let written = config::read_job(&folder.path("job.toml"), &Overrides::default(), &mut problems).expect("a job");
     let plan = Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"));
     let samples = |level| (0..8).map(|index| render(&plan.with_fidelity(level), index)).collect::<Vec<Sample>>();
     let exact = samples(Fidelity::Reference);
     for row in &rows[..4] {
-        let level = Fidelity::ALL.into_iter().find(|level| level.name() == row["rung"]).expect("a rung");
+        let level = Fidelity::ALL.into_iter().find(|level| level.name() == row["rung"]).expect("a level");
         let own = samples(level);
         let pairs = || own.iter().zip(&exact);
         let heights = pairs().flat_map(|(own, exact)| {
@@ -195,7 +195,7 @@ fn the_figures_are_those_of_the_samples_themselves() {
 fn csv_and_json_say_the_same() {
     let folder = Folder::with_job(JOB);
     folder.succeed("tradeoff job.toml --samples 5 --out out");
-    let rows = sound(&folder, "out");
+    let rows = check_rows(&folder, "out");
     let json = json(&folder, "out/tradeoff.json");
     assert_eq!(json["job"], "small");
     assert_eq!(json["samples"].as_array().map(Vec::len), Some(5));
@@ -248,7 +248,7 @@ fn the_ladder_does_not_depend_on_what_the_job_chose_of_it() {
     let folder = Folder::with_job(JOB);
     let ladder = |number: &str, flags: &str| {
         folder.succeed(format!("tradeoff job.toml --samples 3 --out {number} {flags}").trim_end());
-        errors(sound(&folder, number))
+        errors(check_rows(&folder, number))
     };
     let plain = ladder("0", "");
     assert!(plain[0].contains_key("height_rms_um") && !plain[0].contains_key("cpu_ms_p95"));
@@ -276,7 +276,7 @@ fn one_sample_is_enough_and_more_than_there_are_is_all_of_them() {
     let deepest = deepest["index"].as_u64().expect("a number");
     for (count, expected) in [("1", vec![deepest]), ("8", (0..8).collect()), ("100000", (0..8).collect::<Vec<u64>>())] {
         folder.succeed(&format!("tradeoff job.toml --samples {count} --out out"));
-        sound(&folder, "out");
+        check_rows(&folder, "out");
         assert_eq!(json(&folder, "out/tradeoff.json")["samples"], serde_json::json!(expected));
     }
     let text = folder.fail("tradeoff job.toml --samples 0 --out none", 2);
@@ -288,7 +288,7 @@ fn one_sample_is_enough_and_more_than_there_are_is_all_of_them() {
 fn a_job_that_touches_nothing_has_no_errors() {
     let folder = Folder::with_job(&edited(JOB, &[("no_contact = 0.25", "no_contact = 1.0")]));
     folder.succeed("tradeoff job.toml --samples 3 --out out");
-    for row in sound(&folder, "out") {
+    for row in check_rows(&folder, "out") {
         for (column, is_error) in FIGURES {
             assert!(!is_error || row[column] == "0.0", "{column} in {row:?}");
         }
@@ -302,7 +302,7 @@ fn images_of_odd_sizes_are_compared_too() {
     let folder = Folder::with_job(JOB);
     for (number, size) in ["1,1", "2,1", "1,64", "7,5", "33,2"].into_iter().enumerate() {
         folder.succeed(&format!("tradeoff job.toml --samples 2 --out {number} --set sensor.resolution_px=[{size}]"));
-        sound(&folder, &number.to_string());
+        check_rows(&folder, &number.to_string());
     }
 }
 
@@ -342,7 +342,7 @@ fn results_of_an_earlier_run_are_replaced_and_other_files_stay() {
     folder.write("out/tradeoff.csv", "old");
     folder.write("out/notes.txt", "mine");
     folder.succeed("tradeoff job.toml --samples 1 --out out");
-    sound(&folder, "out");
+    check_rows(&folder, "out");
     assert_eq!(folder.read("out/notes.txt"), "mine");
     assert_eq!(folder.files("out").len(), 5);
     assert!(folder.files("out").into_keys().all(|name| !Path::new(&name).starts_with(".")));

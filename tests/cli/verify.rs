@@ -45,12 +45,12 @@ fn damage(folder: &Folder, again: RangeInclusive<u64>, words: &[&str], damage: i
 
 fn summary(folder: &Folder) -> String {
     let (said, _) = verify(folder, " --checksums");
-    assert!(said.starts_with("out: 8 samples in 4 shards") && said.ends_with(": whole\n"), "{said}");
+    assert!(said.starts_with("out: 8 samples in 4 shards") && said.ends_with(": valid and complete\n"), "{said}");
     said
 }
 
 #[test]
-fn a_whole_dataset_is_said_to_be_whole() {
+fn a_complete_dataset_is_said_to_be_complete() {
     let folder = all_layers();
     let said = summary(&folder);
     assert_eq!(verify(&folder, ""), (said, 0));
@@ -115,7 +115,7 @@ fn a_cut_a_missing_and_an_exchanged_shard_are_named_and_made_again() {
 }
 
 /// A tar with other content in some files, or without them, and stats that vouch for it.
-fn forged(folder: &Folder, change: impl Fn(&str, &[u8]) -> Option<Vec<u8>>) {
+fn forge_shard(folder: &Folder, change: impl Fn(&str, &[u8]) -> Option<Vec<u8>>) {
     let path = folder.path("out/data/test-000000.tar");
     let mut builder = tar::Builder::new(Vec::new());
     for member in members(&path) {
@@ -185,11 +185,11 @@ fn behind_right_checksums_a_file_that_is_not_what_it_should_be_is_still_found() 
         (in_label("\"split\":\"test\"", "\"split\":\"train\""), "is not about this sample"),
     ];
     for (change, words) in cases {
-        forged(&folder, change);
+        forge_shard(&folder, change);
         assert_eq!(verify(&folder, " --checksums").1, 0, "checksums vouch for {words:?}");
         let (said, status) = verify(&folder, "");
         assert!(status == 1 && said.contains("data/test-000000.tar: ") && said.contains(words), "{words:?} in\n{said}");
-        mend(&folder, &said);
+        run_named_fixes(&folder, &said);
         restore();
     }
     assert_eq!(verify(&folder, "").1, 0);
@@ -202,9 +202,9 @@ fn a_dataset_of_another_version_is_left_to_it() {
     folder.write("out/job.toml", job.replacen(concat!(env!("CARGO_PKG_VERSION"), "."), "0.0.9.", 1));
     folder.write("out/data/test-000000.tar", "");
     let (said, status) = verify(&folder, "");
-    let only = "only that version can say, and only it mends them\n";
+    let only = "only that version can say, and only it can fix them\n";
     assert!(status == 1 && said.contains("made by gelsim 0.0.9") && said.ends_with(only), "{said}");
-    assert!(!said.contains("mend it with"), "{said}");
+    assert!(!said.contains("fix it with"), "{said}");
 }
 
 #[test]
@@ -277,7 +277,7 @@ fn a_sample_is_reproduced_byte_by_byte_and_a_changed_one_is_told_apart() {
         assert!(said.contains(".tactile.png: the same ") && said.ends_with("the same sample\n"), "{said}");
         assert_eq!(said.lines().count(), 10, "nine files and the verdict: {said}");
     }
-    forged(&folder, |name, bytes| {
+    forge_shard(&folder, |name, bytes| {
         let mut bytes = bytes.to_vec();
         if name.ends_with("contact.png") {
             *bytes.last_mut().expect("a byte") ^= 1;
@@ -300,14 +300,14 @@ fn a_sample_is_reproduced_byte_by_byte_and_a_changed_one_is_told_apart() {
 }
 
 /// Checksums, job and descriptions compared, in this process.
-fn is_whole(folder: &Folder) -> bool {
+fn is_complete(folder: &Folder) -> bool {
     verify::verify(&folder.path("out"), CheckLevel::Checksums).is_ok_and(|verified| verified.findings.is_empty())
 }
 
 #[test]
 fn no_byte_of_what_describes_a_dataset_can_be_changed_unnoticed() {
     let folder = all_layers();
-    assert!(is_whole(&folder));
+    assert!(is_complete(&folder));
     let names =
         ["job.toml", "dataset.json", "wids.json", "README.md", "stats/train-000000.json", "stats/val-000000.json"];
     for name in names {
@@ -320,16 +320,16 @@ fn no_byte_of_what_describes_a_dataset_can_be_changed_unnoticed() {
             let mut changed = text.clone();
             changed[at] ^= if at % 2 == 0 { 1 } else { 0x10 };
             fs::write(&path, &changed).expect("a file");
-            assert!(!is_whole(&folder), "byte {at} of {name}");
+            assert!(!is_complete(&folder), "byte {at} of {name}");
         }
         for shorter in [&text[..text.len() - 1], &text[1..], b""] {
             fs::write(&path, shorter).expect("a file");
-            assert!(!is_whole(&folder), "{} bytes of {name}", shorter.len());
+            assert!(!is_complete(&folder), "{} bytes of {name}", shorter.len());
         }
         fs::write(&path, [&text[..], b"\n"].concat()).expect("a file");
-        assert!(!is_whole(&folder), "a line more in {name}");
+        assert!(!is_complete(&folder), "a line more in {name}");
         fs::write(&path, text).expect("a file");
-        assert!(is_whole(&folder));
+        assert!(is_complete(&folder));
     }
 }
 
@@ -352,14 +352,14 @@ fn what_stats_count_is_what_labels_say() {
         folder.succeed("finalize out");
         let (said, status) = verify(&folder, "");
         assert!(status == 1 && said.contains(&format!("stats/test-000000.json: {words}")), "{words} in\n{said}");
-        mend(&folder, &said);
+        run_named_fixes(&folder, &said);
         assert_same_files(&sound, &folder.lasting_files("out"));
     }
 }
 
-/// Does what verify said would mend the dataset; its last words are then that it is whole.
-fn mend(folder: &Folder, said: &str) {
-    let (_, commands) = said.split_once("mend it with\n").unwrap_or_else(|| panic!("no cure: {said}"));
+/// Runs the commands that verify named, and checks that the dataset is valid and complete then.
+fn run_named_fixes(folder: &Folder, said: &str) {
+    let (_, commands) = said.split_once("fix it with\n").unwrap_or_else(|| panic!("no cure: {said}"));
     for command in commands.lines().map(str::trim) {
         match command.split_once(' ').expect("a command") {
             ("rm", path) => fs::remove_file(folder.path(path)).expect("a file"),
@@ -440,7 +440,7 @@ fn every_finding_has_a_cure_that_mends_it() {
         damage();
         let (said, status) = verify(&folder, "");
         assert!(status == 1 && said.contains(words), "{words} in\n{said}");
-        mend(&folder, &said);
+        run_named_fixes(&folder, &said);
         assert_same_files(&sound, &folder.lasting_files("out"));
     }
 }

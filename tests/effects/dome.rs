@@ -7,8 +7,8 @@
 use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::view::View;
 use gelsim_core::depth::Depth;
-use gelsim_core::depth::rest::{self, RestSurface};
-use gelsim_core::gelpad::elastic::{Elastic, Pad};
+use gelsim_core::depth::rest_surface::{self, RestSurface};
+use gelsim_core::gelpad::elastic::{Elastic, ElasticPad};
 use gelsim_files::sensor::Sensor;
 
 const CAMERA: View = View { resolution_px: [200, 150], mm_per_px: [0.06; 2] };
@@ -28,8 +28,8 @@ fn press(radius_mm: f64, depth_mm: f64, dome_mm: Option<f64>) -> Press {
         field_of_view_mm: std::array::from_fn(|k| CAMERA.resolution_px[k] as f64 * CAMERA.mm_per_px[k]),
         ..Sensor::default()
     };
-    let pad = Pad::new(&Elastic { tolerance_um: 0.1, ..Elastic::default() }, &sensor.material(), &CAMERA);
-    let margin_px = pad.window(depth_mm).margin_px;
+    let pad = ElasticPad::new(&Elastic { tolerance_um: 0.1, ..Elastic::default() }, &sensor.gelpad_material(), &CAMERA);
+    let margin_px = pad.capture_window(depth_mm).margin_px;
     let mut penetration = Grid::new(width + 2 * margin_px, height + 2 * margin_px);
     for row in 0..penetration.height {
         for column in 0..penetration.width {
@@ -43,8 +43,8 @@ fn press(radius_mm: f64, depth_mm: f64, dome_mm: Option<f64>) -> Press {
     let mut depth = Depth { penetration, margin_px, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
     depth.measure();
     if let Some(radius_mm) = dome_mm {
-        let drop_mm = rest::drop_mm(&RestSurface::Dome { radius_mm }, &CAMERA);
-        rest::lower(&mut depth, &drop_mm, f64::INFINITY);
+        let drop_mm = rest_surface::rest_drop_mm(&RestSurface::Dome { radius_mm }, &CAMERA);
+        rest_surface::subtract_drop(&mut depth, &drop_mm, f64::INFINITY);
     }
     let contact = pad.press(&depth);
     let pixels = contact.mask.data.iter().filter(|value| **value > 0).count() as f64;

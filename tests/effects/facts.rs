@@ -176,7 +176,7 @@ fn light_that_is_shaded_some_rows_at_a_time_is_that_shaded_at_once() {
     for (press, lines) in [(PRESS, ""), (PRESS, rough), (pyramid, ""), (PRESS, "sensor.preset = 'digit'")] {
         let (plan, sample) = sample(press, lines);
         let (simulator, contact) = (&plan.simulator, &sample.impression.contact);
-        let at_once = simulator.light(contact);
+        let at_once = simulator.shade_contact(contact);
         assert!(at_once.region.height() > 32, "{lines}: more rows than are shaded at a time");
         let (camera, mut effects) = (&sample.impression.camera, EffectLog::new(simulator.policy()));
         let image = simulator.camera().expose(at_once.into(), Some(&contact.mask), None, camera, &mut effects);
@@ -224,7 +224,11 @@ fn markers_follow_the_object_and_are_told_where_they_are_seen() {
         for (rest, moved) in seen {
             let inside = |[x, y]: [f64; 2]| (0.0..=96.0).contains(&x) && (0.0..=72.0).contains(&y);
             assert!(inside(rest) || inside(moved), "{rest:?} {moved:?}");
-            assert!((0..2).all(|k| (moved[k] - rest[k]).abs() <= label.max_motion_px));
+            assert!(
+                (0..2).all(|k| (moved[k] - rest[k]).abs() <= label.max_motion_px),
+                "{rest:?} {moved:?}, at most {}",
+                label.max_motion_px
+            );
         }
         let by_px = label.max_motion_px - before;
         assert!(by_px > 0.0, "further pushed, further moved");

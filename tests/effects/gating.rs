@@ -10,15 +10,15 @@ use std::collections::BTreeMap;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::effects::{Effect, EffectLog, EffectPolicy, PerEffect};
-use gelsim_core::optics::normals::normals;
+use gelsim_core::optics::normals::surface_normals;
 use gelsim_job::label::Label;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use super::jobs::{job, photograph};
 use crate::plan::plan;
+use crate::random_jobs::{Draw, job, with_files};
 
 /// What the halo that is cut changes at most, grey levels; see `src/optics/visible.rs`.
 const BOUND: f64 = 0.45;
@@ -54,13 +54,13 @@ fn layers(plan: &Plan, sample: &Sample) -> (Vec<Vec<u32>>, Grid<u8>) {
     let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
     let contact = &sample.impression.contact;
     let pressure = contact.pressure.as_ref().map_or(Vec::new(), |pressure| bits(&pressure.data));
-    let normals = bits(normals(contact, plan.simulator.view()).as_flattened());
+    let normals = bits(surface_normals(contact, plan.simulator.view()).as_flattened());
     let floats = vec![bits(&sample.impression.depth.below_pad().data), bits(&contact.surface.data), pressure, normals];
     (floats, contact.mask.clone())
 }
 
 /// The label without what became of the effects. A halo that is cut may have been beyond black or white.
-fn described(sample: &Sample, exact: bool) -> Label {
+fn label_without_effects(sample: &Sample, exact: bool) -> Label {
     let mut label = Label { effects: PerEffect::default(), ..sample.label.clone() };
     if !exact {
         (label.health.clipped_px, label.health.saturated_px) = (0, 0);
@@ -72,7 +72,7 @@ fn described(sample: &Sample, exact: bool) -> Label {
 fn flat_beyond_light(plan: &Plan, sample: &Sample) -> bool {
     let mut where_needed = EffectLog::new(EffectPolicy::WhereNeeded);
     let (contact, background) = (&sample.impression.contact, plan.simulator.background());
-    let light = plan.simulator.shader().shade(contact, background, &mut where_needed).whole();
+    let light = plan.simulator.shader().shade(contact, background, &mut where_needed).into_light();
     assert!(light.planes.iter().flatten().all(|value| value.is_finite()), "the light is finite");
     let (lit, surface) = (light.region, &contact.surface);
     let flat = |x: usize, y: usize| {
@@ -102,7 +102,7 @@ fn differences<'a>(a: &'a Sample, b: &'a Sample) -> impl Iterator<Item = u8> + '
 fn compare(job: &str, tally: &mut Tally) -> Result<(), String> {
     let gated = plan(job);
     let everything = gated.with_policy(EffectPolicy::All);
-    for index in 0..gated.layout.samples() {
+    for index in 0..gated.layout.sample_count() {
         let (sample, oracle) = (render(&gated, index), render(&everything, index));
         let wrong = |what: String| Err(format!("sample {index}: {what} in\n{job}"));
         if layers(&gated, &sample) != layers(&everything, &oracle)
@@ -111,7 +111,7 @@ fn compare(job: &str, tally: &mut Tally) -> Result<(), String> {
             return wrong(String::from("another layer"));
         }
         let exact = flat_beyond_light(&gated, &sample);
-        let (label, other) = (described(&sample, exact), described(&oracle, exact));
+        let (label, other) = (label_without_effects(&sample, exact), label_without_effects(&oracle, exact));
         if label != other || sample.impression.lens != oracle.impression.lens {
             return wrong(format!("{label:?} is not {other:?}"));
         }
@@ -172,7 +172,7 @@ fn what_a_sample_does_not_call_for_would_not_change_it() {
     let config = Config { cases, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Config::default() };
     let tally = RefCell::new(Tally::default());
     let one = |job: String| compare(&job, &mut tally.borrow_mut()).map_err(TestCaseError::fail);
-    let result = TestRunner::new(config).run(&job(), one);
+    let result = TestRunner::new(config).run(&job(Draw::Effects), one);
     let tally = tally.into_inner();
     tally.show();
     result.unwrap_or_else(|error| panic!("{error}"));
@@ -215,7 +215,7 @@ fn what_comes_near_the_border_is_mirrored_there_by_defocus_and_lens() {
 #[test]
 fn dots_on_a_photograph_are_as_blurred_without_a_press_as_with_one() {
     let camera = "markers = {}\ncamera.defocus_mm = { choice = [0.3] }\nindentation.no_contact = 1.0\n";
-    assert_gating_is_safe(&format!("{camera}sensor.background = '{}'", photograph()));
+    assert_gating_is_safe(&with_files(format!("{camera}sensor.background = 'PHOTOGRAPH'")));
 }
 
 #[test]

@@ -9,8 +9,8 @@ use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use super::jobs::job;
 use crate::plan::plan;
+use crate::random_jobs::{Draw, job};
 
 /// Presses of every kind of pad, and none.
 const PRESSES: [&str; 5] = [
@@ -145,9 +145,9 @@ fn constant(job: &Job) -> bool {
 
 #[test]
 fn a_pad_that_nothing_touches_is_the_untouched_pad() {
-    let config = Config { cases: 200, rng_seed: RngSeed::Fixed(2), failure_persistence: None, ..Config::default() };
+    let config = Config { cases: 300, rng_seed: RngSeed::Fixed(2), failure_persistence: None, ..Config::default() };
     let tried = RefCell::new(0);
-    let result = TestRunner::new(config).run(&job(), |job| {
+    let result = TestRunner::new(config).run(&job(Draw::Effects), |job| {
         let job = without_contact(&job);
         let gated = plan(&job);
         if constant(gated.job()) {

@@ -158,7 +158,7 @@ fn killed_at_any_moment_the_old_output_or_the_new_one_is_there() {
     let (old, new) = (lasting("old"), lasting("new"));
     let start = Instant::now();
     folder.succeed("augment old.toml --out larger --quiet");
-    let whole = start.elapsed();
+    let undisturbed = start.elapsed();
     let stop = AtomicBool::new(false);
     let (mut kills, mut finished) = (0, 0);
     std::thread::scope(|scope| {
@@ -172,7 +172,7 @@ fn killed_at_any_moment_the_old_output_or_the_new_one_is_there() {
         });
         for run in 0..24 {
             let mut child = folder.spawn("augment new.toml --out larger --overwrite --quiet");
-            std::thread::sleep(whole.mul_f64(f64::from(run) / 16.0));
+            std::thread::sleep(undisturbed.mul_f64(f64::from(run) / 16.0));
             // It may have ended by itself.
             let _ = child.kill();
             let status = child.wait().expect("a child");

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::rig::{assert_like_whole, assert_swept, with_whole};
+use super::rig::{assert_like_undisturbed, assert_swept, with_undisturbed};
 use crate::support::{Folder, JOB, assert_same_files, edited, made_by};
 
 /// A job that reads a file of every kind.
@@ -21,7 +21,7 @@ fn with_files() -> Folder {
         rest_shape = { height_map = { path = \"dome.png\", height_mm = 0.2 } }";
     let texture = "[texture]\npatterns = [{ image = { path = \"skin.png\" } }]\namplitude_mm = 0.03\n\n[pose]";
     folder.write("job.toml", edited(JOB, &[("[sensor]", sensor), ("[pose]", texture)]));
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     folder
 }
 
@@ -41,12 +41,12 @@ fn refused_after_change(folder: &Folder, name: &str, change: impl Fn(&mut Vec<u8
     assert_same_files(&before, &folder.files("out"));
     folder.write(name, original);
     folder.succeed("generate job.toml --quiet --out out");
-    assert_like_whole(folder, "out");
+    assert_like_undisturbed(folder, "out");
     fs::remove_dir_all(folder.path("out")).expect("a folder");
 }
 
 /// Another picture of the same size.
-fn redrawn(bytes: &mut Vec<u8>) {
+fn invert_picture(bytes: &mut Vec<u8>) {
     let mut picture = image::load_from_memory(bytes).expect("a picture");
     picture.invert();
     let mut png = std::io::Cursor::new(Vec::new());
@@ -57,7 +57,7 @@ fn redrawn(bytes: &mut Vec<u8>) {
 #[test]
 fn a_mesh_that_changed_is_refused_by_name() {
     let comment = |bytes: &mut Vec<u8>| bytes.extend_from_slice(b"# touched\n");
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     refused_after_change(&folder, "cube.obj", comment, &["cube.obj has changed: object.0.sha256 is \""]);
     refused_after_change(&folder, "cone.obj", comment, &["cone.obj has changed: object.1.sha256 is \""]);
 }
@@ -65,19 +65,19 @@ fn a_mesh_that_changed_is_refused_by_name() {
 #[test]
 fn a_background_that_changed_is_refused_by_name() {
     let words = ["pad.png has changed: sensor.background_sha256 is \""];
-    refused_after_change(&with_files(), "pad.png", redrawn, &words);
+    refused_after_change(&with_files(), "pad.png", invert_picture, &words);
 }
 
 #[test]
 fn a_texture_image_that_changed_is_refused_by_name() {
     let words = ["skin.png has changed: texture.patterns.0.image.sha256 is \""];
-    refused_after_change(&with_files(), "skin.png", redrawn, &words);
+    refused_after_change(&with_files(), "skin.png", invert_picture, &words);
 }
 
 #[test]
 fn a_height_map_that_changed_is_refused_by_name() {
     let words = ["dome.png has changed: sensor.rest_shape.height_map.sha256 is \""];
-    refused_after_change(&with_files(), "dome.png", redrawn, &words);
+    refused_after_change(&with_files(), "dome.png", invert_picture, &words);
 }
 
 #[test]
@@ -89,24 +89,24 @@ fn a_sensor_file_that_changed_is_refused_by_name_and_key() {
 
 #[test]
 fn a_mesh_that_changed_is_refused_by_name_where_the_resolved_job_is_run() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     folder.write("cube.obj", folder.read("cube.obj") + "# touched\n");
-    let text = folder.fail("generate whole/job.toml --out whole", 2);
+    let text = folder.fail("generate complete/job.toml --out complete", 2);
     assert!(text.contains("cube.obj has changed: its SHA-256 is "), "{text}");
 }
 
 #[test]
 fn a_dataset_of_a_newer_version_is_refused_by_that_version() {
-    let folder = with_whole(JOB);
-    made_by(&folder, "whole", "99.1.0");
-    let job = folder.read("whole/job.toml");
+    let folder = with_undisturbed(JOB);
+    made_by(&folder, "complete", "99.1.0");
+    let job = folder.read("complete/job.toml");
     // A newer version may have keys that this one does not know, or not be TOML as we know it.
     for text in [job.clone(), format!("{job}\n[new.table]\nx = 1\n"), job.replace('=', ":=")] {
-        folder.write("whole/job.toml", &text);
-        let before = folder.files("whole");
-        let text = folder.fail("generate job.toml --out whole", 2);
+        folder.write("complete/job.toml", &text);
+        let before = folder.files("complete");
+        let text = folder.fail("generate job.toml --out complete", 2);
         assert!(text.contains("gelsim 99.1.0 made it, this is "), "{text}");
-        assert_same_files(&before, &folder.files("whole"));
-        assert_swept(&folder, "whole");
+        assert_same_files(&before, &folder.files("complete"));
+        assert_swept(&folder, "complete");
     }
 }

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 
 use super::rig::{
-    assert_like_whole, assert_swept, assert_whole_or_absent, in_folders, in_sequences, said, shell, shell_with_mounts,
-    with_whole,
+    assert_complete_or_absent, assert_like_undisturbed, assert_swept, in_folders, in_sequences, messages_of, shell,
+    shell_with_mounts, with_undisturbed,
 };
 use crate::support::{Folder, JOB, assert_same_files};
 
@@ -36,9 +36,9 @@ fn hit(text: &str) -> String {
 /// Fills one disk. At which file it was full; none if all had room.
 fn fill(folder: &Folder, size: &str, files: &str) -> Option<Option<String>> {
     let output = shell_with_mounts(folder, FILLED, &[("SIZE", size), ("FILES", files)])?;
-    let text = said(&output);
-    assert_whole_or_absent(folder, "full");
-    assert_like_whole(folder, "again");
+    let text = messages_of(&output);
+    assert_complete_or_absent(folder, "full");
+    assert_like_undisturbed(folder, "again");
     match output.status.code() {
         Some(0) => Some(None),
         Some(1) => {
@@ -53,12 +53,12 @@ fn fill(folder: &Folder, size: &str, files: &str) -> Option<Option<String>> {
     }
 }
 
-/// A folder in which `whole` was made as deep as `disk/out` is: paths in job.toml are relative.
+/// A folder in which `complete` was made as deep as `disk/out` is: paths in job.toml are relative.
 fn folder(job: &str) -> Folder {
     let folder = Folder::with_job(job);
     std::fs::create_dir(folder.path("plain")).expect("a folder");
     folder.succeed("generate job.toml --quiet --out plain/out");
-    std::fs::rename(folder.path("plain/out"), folder.path("whole")).expect("a folder");
+    std::fs::rename(folder.path("plain/out"), folder.path("complete")).expect("a folder");
     folder
 }
 
@@ -117,14 +117,14 @@ fn files_run_out(job: &str) {
 
 #[test]
 fn a_limit_of_a_files_size_is_an_error_and_no_end_by_a_signal() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     let (mut met, mut limit) = (0, 0);
     loop {
         // In blocks of 512 bytes.
         let script = format!("ulimit -f {limit}; exec \"$G\" generate job.toml --quiet --out out");
         let output = shell(&folder, &script, &[]);
-        let text = said(&output);
-        assert_whole_or_absent(&folder, "out");
+        let text = messages_of(&output);
+        assert_complete_or_absent(&folder, "out");
         match output.status.code() {
             Some(0) => break,
             Some(1) => assert!(text.contains("File too large") && text.contains("ulimit -f"), "{text}"),
@@ -133,19 +133,19 @@ fn a_limit_of_a_files_size_is_an_error_and_no_end_by_a_signal() {
         met += 1;
         if met % 3 == 0 {
             folder.succeed("generate job.toml --quiet --out out");
-            assert_like_whole(&folder, "out");
+            assert_like_undisturbed(&folder, "out");
             std::fs::remove_dir_all(folder.path("out")).expect("a folder");
         }
         limit += 7;
     }
     println!("{met} limits of a file's size survived");
     assert!(met > 3);
-    assert_like_whole(&folder, "out");
+    assert_like_undisturbed(&folder, "out");
 }
 
 #[test]
 fn a_read_only_folder_is_named_and_stays_as_it_is() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     std::fs::create_dir(folder.path("empty")).expect("a folder");
     folder.succeed("generate job.toml --quiet --out begun --shards 0..2");
     folder.succeed("generate job.toml --quiet --out complete");
@@ -154,12 +154,12 @@ fn a_read_only_folder_is_named_and_stays_as_it_is() {
         let script = "mount --bind $NAME $NAME && mount -o remount,bind,ro $NAME || exit 98
             exec \"$G\" generate job.toml --quiet --out $NAME";
         let Some(output) = shell_with_mounts(&folder, script, &[("NAME", name)]) else { return };
-        let text = said(&output);
+        let text = messages_of(&output);
         assert_eq!(output.status.code(), Some(1), "{text}");
         assert!(text.contains("Read-only file system") && text.contains("make the folder writable"), "{text}");
         assert!(text.contains(&format!("error: {name}/")), "{text}");
         assert_same_files(&before, &folder.files(name));
         folder.succeed(&format!("generate job.toml --quiet --out {name}"));
-        assert_like_whole(&folder, name);
+        assert_like_undisturbed(&folder, name);
     }
 }

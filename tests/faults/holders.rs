@@ -2,9 +2,11 @@
 
 use std::fs;
 
-use gelsim_files::fail_point::{Step, VARIABLE};
+use gelsim_files::fail_point::{FAIL_POINT_VARIABLE, Step};
 
-use super::rig::{Held, assert_like_whole, assert_whole_or_absent, many_shards, said, with_whole};
+use super::rig::{
+    Held, assert_complete_or_absent, assert_like_undisturbed, many_shards, messages_of, with_undisturbed,
+};
 use crate::support::{Folder, JOB};
 
 const PARTIAL: &str = "out/data/.train-000000.tar.partial";
@@ -17,7 +19,7 @@ fn holder(folder: &Folder) -> Held {
 
 #[test]
 fn a_shard_has_one_writer_who_is_named_and_whose_death_frees_it() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     let holder = holder(&folder);
     let named = format!("train-000000 is being written by process {} on ", holder.id());
     let text = folder.fail("generate job.toml --out out --shards 0..1", 1);
@@ -34,24 +36,24 @@ fn a_shard_has_one_writer_who_is_named_and_whose_death_frees_it() {
     drop(holder);
     assert!(folder.path(PARTIAL).exists() && folder.path("out/data/.train-000000.lock").exists());
     folder.succeed("generate job.toml --quiet --out out");
-    assert_like_whole(&folder, "out");
+    assert_like_undisturbed(&folder, "out");
 }
 
 #[test]
 fn a_writer_whose_partial_file_was_replaced_does_not_bring_it_to_its_final_name() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     let run = holder(&folder);
     fs::remove_file(folder.path(PARTIAL)).expect("a partial file");
     folder.write(PARTIAL, "half a shard");
     assert_eq!(run.go_on().status.code(), Some(1));
     assert!(!folder.path("out/data/train-000000.tar").exists());
     folder.succeed("generate job.toml --quiet --out out");
-    assert_like_whole(&folder, "out");
+    assert_like_undisturbed(&folder, "out");
 }
 
 #[test]
 fn a_folder_that_is_removed_under_a_run_is_an_error_in_words() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     // All but the last two: the last shard is done then, and the dataset is described.
     for step in [
         Step::FoldersMade,
@@ -74,13 +76,13 @@ fn a_folder_that_is_removed_under_a_run_is_an_error_in_words() {
         let held = held.unwrap_or_else(|end| panic!("{step:?}: {end:?}"));
         fs::remove_dir_all(folder.path("out")).expect("a folder");
         let output = held.go_on();
-        let text = said(&output);
+        let text = messages_of(&output);
         println!("{step:?}: {text}");
         assert_eq!(output.status.code(), Some(1), "{step:?}: {text}");
-        let error = text.lines().find(|line| !line.starts_with(VARIABLE)).unwrap_or_default();
+        let error = text.lines().find(|line| !line.starts_with(FAIL_POINT_VARIABLE)).unwrap_or_default();
         assert!(error.starts_with("error: out") && text.contains("the same command goes on"), "{step:?}: {text}");
         folder.succeed("generate job.toml --quiet --out out");
-        assert_like_whole(&folder, "out");
+        assert_like_undisturbed(&folder, "out");
         fs::remove_dir_all(folder.path("out")).expect("a folder");
     }
 }
@@ -88,7 +90,7 @@ fn a_folder_that_is_removed_under_a_run_is_an_error_in_words() {
 #[test]
 fn eight_processes_share_a_folder_while_some_are_killed_and_started_again() {
     const PARTS: u64 = 8;
-    let folder = with_whole(&many_shards());
+    let folder = with_undisturbed(&many_shards());
     let killed: usize = std::thread::scope(|scope| {
         let parts: Vec<_> = (0..PARTS)
             .map(|part| {
@@ -112,15 +114,15 @@ fn eight_processes_share_a_folder_while_some_are_killed_and_started_again() {
     });
     println!("{PARTS} processes shared a folder, {killed} kills among them");
     assert_eq!(killed, 12);
-    assert_whole_or_absent(&folder, "out");
+    assert_complete_or_absent(&folder, "out");
     // Who finished last described the dataset; what a kill left after that, this sweeps.
     assert!(folder.path("out/dataset.json").exists());
     folder.succeed("generate job.toml --quiet --out out");
-    assert_like_whole(&folder, "out");
+    assert_like_undisturbed(&folder, "out");
 }
 
 /// Two jobs that begin in one folder at the same moment: one wins, the other is refused by name of what differs, and what is
-/// there in the end is the winner's and whole.
+/// there in the end is the winner's and complete.
 #[test]
 fn of_two_jobs_in_one_folder_one_wins() {
     let mut winners = [0, 0];
@@ -141,7 +143,7 @@ fn of_two_jobs_in_one_folder_one_wins() {
     println!("{winners:?} wins of two jobs that began at once");
 }
 
-/// Two runs that replace a dataset at the same moment: at least one ends well, and one dataset is there, whole.
+/// Two runs that replace a dataset at the same moment: at least one ends well, and one dataset is there, complete.
 #[test]
 fn of_two_runs_that_replace_a_dataset_one_dataset_is_left() {
     let folder = Folder::with_job(JOB);

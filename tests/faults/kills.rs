@@ -6,10 +6,11 @@
 
 use std::fs;
 
-use gelsim_files::fail_point::{Step, VARIABLE};
+use gelsim_files::fail_point::{FAIL_POINT_VARIABLE, Step};
 
 use super::rig::{
-    Held, assert_like_whole, assert_whole_or_absent, in_folders, in_sequences, many_shards, said, shell, with_whole,
+    Held, assert_complete_or_absent, assert_like_undisturbed, in_folders, in_sequences, many_shards, messages_of,
+    shell, with_undisturbed,
 };
 use crate::support::{Folder, JOB, edited};
 
@@ -138,7 +139,7 @@ fn killed(step: Step, folders: bool) {
 }
 
 fn killed_in(job: &str, step: Step, folders: bool) {
-    let folder = with_whole(job);
+    let folder = with_undisturbed(job);
     folder.write("smaller.toml", edited(job, &[("samples = 8", "samples = 5")]));
     let mut kills = 0;
     for before in [Before::Nothing, Before::Damaged, Before::Another, Before::Smaller] {
@@ -154,8 +155,8 @@ fn killed_in(job: &str, step: Step, folders: bool) {
             println!("{before:?}, {at}");
             prepare(&folder, before, folders);
             let run = run_on(before).replace("--threads 3", &format!("--threads {threads}"));
-            let held =
-                Held::at(&folder, &run, &at).unwrap_or_else(|end| panic!("it did not get there: {}", said(&end)));
+            let held = Held::at(&folder, &run, &at)
+                .unwrap_or_else(|end| panic!("it did not get there: {}", messages_of(&end)));
             if threads == 1 && before == Before::Nothing {
                 assert_stands(&folder, step, at.split(": ").nth(1).unwrap_or_default());
             }
@@ -163,15 +164,15 @@ fn killed_in(job: &str, step: Step, folders: bool) {
             kills += 1;
             // The run that goes on is killed at the same step if it gets there again.
             if before == Before::Nothing {
-                assert_whole_or_absent(&folder, "killed");
+                assert_complete_or_absent(&folder, "killed");
                 if let Ok(held) = Held::at(&folder, &run, step.name()) {
                     held.kill();
                     kills += 1;
-                    assert_whole_or_absent(&folder, "killed");
+                    assert_complete_or_absent(&folder, "killed");
                 }
             }
             finish(&folder, before);
-            assert_like_whole(&folder, "killed");
+            assert_like_undisturbed(&folder, "killed");
             fs::remove_dir_all(folder.path("killed")).expect("a folder");
         }
     }
@@ -242,12 +243,17 @@ fn assert_stands(folder: &Folder, step: Step, of: &str) {
 /// A variable that was left in the environment.
 #[test]
 fn where_nobody_answers_a_run_says_the_step_and_goes_on() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     for (at, met) in [("shard renamed", 4), ("shard renamed: val-000000", 1), ("shard", 0), ("1", 0)] {
-        let output = shell(&folder, "\"$G\" generate job.toml --quiet --out killed", &[(VARIABLE, at)]);
+        let output = shell(&folder, "\"$G\" generate job.toml --quiet --out killed", &[(FAIL_POINT_VARIABLE, at)]);
         assert!(output.status.success());
-        assert_eq!(said(&output).matches("GELSIM_FAIL_POINT: shard renamed: ").count(), met, "{}", said(&output));
-        assert_like_whole(&folder, "killed");
+        assert_eq!(
+            messages_of(&output).matches("GELSIM_FAIL_POINT: shard renamed: ").count(),
+            met,
+            "{}",
+            messages_of(&output)
+        );
+        assert_like_undisturbed(&folder, "killed");
         fs::remove_dir_all(folder.path("killed")).expect("a folder");
     }
 }
@@ -255,12 +261,12 @@ fn where_nobody_answers_a_run_says_the_step_and_goes_on() {
 /// Every state between two steps of the exchange of a damaged folder, made by hand.
 #[test]
 fn whatever_step_of_an_exchange_of_folders_was_the_last_the_same_command_goes_on() {
-    let folder = with_whole(&in_folders(&many_shards()));
+    let folder = with_undisturbed(&in_folders(&many_shards()));
     let at = |name: &str| folder.path(&format!("killed/data/{name}"));
     let (shard, partial, aside) = ("val-000001", ".val-000001.partial", ".val-000001.replaced.partial");
     let copy = |from: &str, to: &str| {
         fs::create_dir_all(at(to)).expect("a folder");
-        for entry in fs::read_dir(folder.path("whole/data").join(from)).expect("a folder").flatten() {
+        for entry in fs::read_dir(folder.path("complete/data").join(from)).expect("a folder").flatten() {
             fs::copy(entry.path(), at(to).join(entry.file_name())).expect("a file");
         }
     };
@@ -306,6 +312,6 @@ fn whatever_step_of_an_exchange_of_folders_was_the_last_the_same_command_goes_on
         state();
         println!("{name}");
         folder.succeed(RUN);
-        assert_like_whole(&folder, "killed");
+        assert_like_undisturbed(&folder, "killed");
     }
 }

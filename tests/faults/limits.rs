@@ -5,7 +5,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::ExitStatusExt;
 
-use super::rig::{assert_like_whole, assert_whole_or_absent, said, shell, with_whole};
+use super::rig::{assert_complete_or_absent, assert_like_undisturbed, messages_of, shell, with_undisturbed};
 use crate::support::{Folder, JOB};
 
 fn start_anew(folder: &Folder) {
@@ -14,14 +14,14 @@ fn start_anew(folder: &Folder) {
 
 #[test]
 fn few_open_files_are_named_and_twenty_are_enough() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     let mut enough = Vec::new();
     for limit in 3..=20 {
         start_anew(&folder);
         let script = format!("ulimit -n {limit}; exec \"$G\" generate job.toml --quiet --threads 2 --out out");
         let output = shell(&folder, &script, &[]);
-        let text = said(&output);
-        assert_whole_or_absent(&folder, "out");
+        let text = messages_of(&output);
+        assert_complete_or_absent(&folder, "out");
         match output.status.code() {
             Some(0) => enough.push(limit),
             Some(1) => assert!(text.contains("Too many open files") && text.contains("ulimit -n"), "{limit}: {text}"),
@@ -31,7 +31,7 @@ fn few_open_files_are_named_and_twenty_are_enough() {
             other => panic!("{limit}: {other:?}: {text}"),
         }
         folder.succeed("generate job.toml --quiet --out out");
-        assert_like_whole(&folder, "out");
+        assert_like_undisturbed(&folder, "out");
     }
     println!("enough open files: {enough:?}");
     assert!(enough.contains(&20));
@@ -39,7 +39,7 @@ fn few_open_files_are_named_and_twenty_are_enough() {
 
 #[test]
 fn a_system_without_more_threads_is_named() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     // The limit does not bind the superuser, so that somebody else runs a copy in a folder that all may write.
     let copy = folder.path("copy");
     fs::copy(env!("CARGO_BIN_EXE_gelsim"), &copy).expect("a copy of the program");
@@ -50,7 +50,7 @@ fn a_system_without_more_threads_is_named() {
         let script = "run=; [ $(id -u) = 0 ] && run='setpriv --reuid=54321 --regid=54321 --clear-groups'
             exec prlimit --nproc=$LIMIT $run ./copy generate job.toml --quiet --threads 2 --out out";
         let output = shell(&folder, script, &[("LIMIT", &limit.to_string())]);
-        let text = said(&output);
+        let text = messages_of(&output);
         match output.status.code() {
             Some(0) => {}
             Some(1) if text.contains("temporarily unavailable") => assert!(text.contains("ulimit -u"), "{text}"),
@@ -60,25 +60,25 @@ fn a_system_without_more_threads_is_named() {
             }
         }
         *ends.entry(output.status.code().unwrap_or(-1)).or_default() += 1;
-        assert_whole_or_absent(&folder, "out");
+        assert_complete_or_absent(&folder, "out");
     }
     println!("limits of threads, by exit status: {ends:?}");
     assert!(ends.contains_key(&1), "no limit was met");
     // What the others wrote may be theirs alone.
     start_anew(&folder);
     folder.succeed("generate job.toml --quiet --out out");
-    assert_like_whole(&folder, "out");
+    assert_like_undisturbed(&folder, "out");
 }
 
 #[test]
 fn too_little_memory_ends_a_run_but_no_shard() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     let mut ends: BTreeMap<String, u32> = BTreeMap::new();
     for mib in [16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 1024, 1536, 2048, 4096] {
         start_anew(&folder);
         let script = format!("ulimit -v {}; exec \"$G\" generate job.toml --quiet --threads 2 --out out", mib * 1024);
         let output = shell(&folder, &script, &[]);
-        let text = said(&output);
+        let text = messages_of(&output);
         let end = match (output.status.code(), output.status.signal()) {
             (Some(0), _) => "done",
             (Some(1), _) => {
@@ -102,9 +102,9 @@ fn too_little_memory_ends_a_run_but_no_shard() {
             other => panic!("{mib} MiB: {other:?}: {text}"),
         };
         *ends.entry(end.to_owned()).or_default() += 1;
-        assert_whole_or_absent(&folder, "out");
+        assert_complete_or_absent(&folder, "out");
         folder.succeed("generate job.toml --quiet --out out");
-        assert_like_whole(&folder, "out");
+        assert_like_undisturbed(&folder, "out");
     }
     println!("limits of memory, by how the run ended: {ends:?}");
     assert!(ends.contains_key("done") && ends.len() > 1);

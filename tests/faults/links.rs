@@ -7,9 +7,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use gelsim_dataset::lock::Lock;
-use gelsim_files::write::write_whole;
+use gelsim_files::write::write_atomically;
 
-use super::rig::{assert_like_whole, in_folders, with_whole};
+use super::rig::{assert_like_undisturbed, in_folders, with_undisturbed};
 use crate::support::{Folder, JOB, assert_same_files};
 
 /// What is put in place of something of ours.
@@ -54,8 +54,8 @@ impl Plant {
 }
 
 /// A dataset of which one shard is there, and a folder beside it that must stay as it is.
-fn begun() -> (Folder, BTreeMap<String, Vec<u8>>) {
-    let folder = with_whole(JOB);
+fn start_dataset() -> (Folder, BTreeMap<String, Vec<u8>>) {
+    let folder = with_undisturbed(JOB);
     fs::create_dir(folder.path("outside")).expect("a folder");
     folder.write("outside/precious.txt", "precious\n");
     // With names of ours in it, which an --overwrite must not reach.
@@ -83,7 +83,7 @@ const NAMES: [&str; 14] = [
 
 #[test]
 fn nothing_is_written_or_removed_through_what_stands_in_place_of_ours() {
-    let (folder, outside) = begun();
+    let (folder, outside) = start_dataset();
     let mut tried = 0;
     for name in NAMES {
         for plant in PLANTS {
@@ -110,14 +110,14 @@ fn nothing_is_written_or_removed_through_what_stands_in_place_of_ours() {
 
 #[test]
 fn nothing_is_written_or_removed_through_what_stands_in_place_of_a_folder_of_ours() {
-    let folder = with_whole(&in_folders(JOB));
+    let folder = with_undisturbed(&in_folders(JOB));
     fs::create_dir(folder.path("outside")).expect("a folder");
     for name in ["precious.txt", "metadata.jsonl", "000000001.json"] {
         folder.write(&format!("outside/{name}"), "precious\n");
     }
     let outside = folder.files("outside");
-    let whole = folder.files("whole/data");
-    let inside = whole.keys().find(|name| name.starts_with("train-000000/")).expect("a file of the shard");
+    let complete = folder.files("complete/data");
+    let inside = complete.keys().find(|name| name.starts_with("train-000000/")).expect("a file of the shard");
     let inside = format!("data/{inside}");
     let names =
         ["data/train-000000", "data/val-000000", "data/.val-000000.partial", "data/.train-000000.replaced.partial"];
@@ -142,7 +142,7 @@ fn nothing_is_written_or_removed_through_what_stands_in_place_of_a_folder_of_our
 
 #[test]
 fn files_with_a_second_name_keep_what_they_have_under_it() {
-    let (folder, outside) = begun();
+    let (folder, outside) = start_dataset();
     let names = NAMES.into_iter().filter(|name| !["data", "stats", "job.toml", "report.html"].contains(name));
     for name in names {
         folder.succeed("generate job.toml --quiet --out out --shards 0..1");
@@ -154,7 +154,7 @@ fn files_with_a_second_name_keep_what_they_have_under_it() {
             fs::remove_file(folder.path("out").join(name)).expect("a lock file");
         }
         folder.succeed("generate job.toml --quiet --out out");
-        assert_like_whole(&folder, "out");
+        assert_like_undisturbed(&folder, "out");
         assert_same_files(&outside, &folder.files("outside"));
         fs::remove_dir_all(folder.path("out")).expect("a folder");
     }
@@ -162,17 +162,17 @@ fn files_with_a_second_name_keep_what_they_have_under_it() {
 
 #[test]
 fn a_dataset_may_be_reached_through_a_link() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     fs::create_dir(folder.path("real")).expect("a folder");
     symlink(folder.path("real"), folder.path("out")).expect("a link");
     folder.succeed("generate job.toml --quiet --out out --shards 0..2");
     folder.succeed("generate job.toml --quiet --out out");
-    assert_like_whole(&folder, "real");
+    assert_like_undisturbed(&folder, "real");
 }
 
 #[test]
 fn overwrite_removes_nothing_but_the_dataset() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     folder.succeed("generate job.toml --quiet --out out");
     let theirs = ["out/data/cube.obj", "out/data/.hidden.partial", "out/stats/notes.txt", "out/.mine.lock"];
     for name in theirs {
@@ -186,7 +186,7 @@ fn overwrite_removes_nothing_but_the_dataset() {
         assert_eq!(folder.read(name), folder.read("cube.obj"));
     }
     assert_same_files(
-        &folder.files("whole/data"),
+        &folder.files("complete/data"),
         &folder.files("out/data").into_iter().filter(|(name, _)| name.ends_with(".tar")).collect(),
     );
 }
@@ -194,18 +194,18 @@ fn overwrite_removes_nothing_but_the_dataset() {
 #[test]
 fn neither_locks_nor_files_are_opened_through_links() {
     // As if the link had been put there after the folder was looked at.
-    let (folder, outside) = begun();
+    let (folder, outside) = start_dataset();
     let lock = folder.path("a.lock");
     for plant in [Plant::LinkToFile, Plant::LinkToNothing, Plant::Folder, Plant::Pipe] {
         plant.put(&folder, &lock);
-        assert!(Lock::take(&lock).is_err() && Lock::wait(&lock).is_err(), "{plant:?}");
+        assert!(Lock::try_acquire(&lock).is_err() && Lock::acquire(&lock).is_err(), "{plant:?}");
     }
     let file = folder.path("a.json");
     let partial = folder.path(&format!(".a.json.{}.partial", std::process::id()));
     for plant in [Plant::LinkToFile, Plant::LinkToNothing, Plant::Pipe] {
         plant.put(&folder, &partial);
         plant.put(&folder, &file);
-        write_whole(&file, b"content").expect("in their place");
+        write_atomically(&file, b"content").expect("in their place");
         assert!(file.symlink_metadata().expect("a file").is_file());
         assert_eq!(folder.read("a.json"), "content");
     }
@@ -216,24 +216,24 @@ fn neither_locks_nor_files_are_opened_through_links() {
 /// what was written.
 #[test]
 fn readers_wait_for_nothing_and_read_no_device() {
-    let sound = with_whole(JOB);
+    let sound = with_undisturbed(JOB);
     let places =
         ["job.toml", "dataset.json", "wids.json", "README.md", "data/train-000000.tar", "stats/train-000000.json"];
     let readers = [
-        "verify whole",
-        "verify whole --checksums",
-        "finalize whole",
-        "report whole --out page.html",
-        "preview whole --out sheet.png",
-        "reproduce whole 0",
-        "generate job.toml --out whole",
+        "verify complete",
+        "verify complete --checksums",
+        "finalize complete",
+        "report complete --out page.html",
+        "preview complete --out sheet.png",
+        "reproduce complete 0",
+        "generate job.toml --out complete",
     ];
     let mut tried = 0;
     for place in places {
         for plant in PLANTS {
             for reader in readers {
                 // One that describes the dataset puts its own file there.
-                plant.put(&sound, &sound.path("whole").join(place));
+                plant.put(&sound, &sound.path("complete").join(place));
                 // None takes a second; one that waits would never end.
                 let output = sound.gelsim(reader).timeout(Duration::from_secs(60)).output().expect("it ends");
                 let status =
@@ -243,14 +243,14 @@ fn readers_wait_for_nothing_and_read_no_device() {
                 assert!(!reads_it || status > 0, "{reader} did not mind {plant:?} as {place}");
                 tried += 1;
             }
-            let at = sound.path("whole").join(place);
+            let at = sound.path("complete").join(place);
             if at.symlink_metadata().expect("it is there").is_dir() {
                 fs::remove_dir(&at)
             } else {
                 fs::remove_file(&at)
             }
             .expect("it goes");
-            sound.succeed("generate job.toml --quiet --out whole");
+            sound.succeed("generate job.toml --quiet --out complete");
         }
     }
     println!("{tried} readers met a link, pipe, device or folder");

@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
 
-use super::rig::with_whole;
+use super::rig::with_undisturbed;
 use crate::support::{Folder, JOB, assert_same_files, edited, json, members};
 
 /// 255 bytes together with the ending.
@@ -159,7 +159,7 @@ fn classes_of_odd_names_stay_words_in_labels() {
 
 #[test]
 fn names_of_meshes_that_are_not_utf_8_are_refused() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     let odd = OsStr::from_bytes(b"b\xffd.obj");
     fs::create_dir(folder.path("meshes")).expect("a folder");
     for name in [odd, OsStr::new("good.obj")] {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 
-use super::rig::{assert_like_whole, said, shell, with_whole};
+use super::rig::{assert_like_undisturbed, messages_of, shell, with_undisturbed};
 use crate::support::{Folder, JOB, edited};
 
 fn names(folder: &Folder) -> Vec<std::ffi::OsString> {
@@ -39,7 +39,7 @@ fn an_output_that_cannot_be_a_folder_is_refused() {
 
 #[test]
 fn a_folder_without_permission_is_named() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     folder.succeed("generate job.toml --quiet --out begun --shards 0..1");
     for name in ["closed", "begun/data", "begun/stats", "begun"] {
         fs::create_dir_all(folder.path(name)).expect("a folder");
@@ -54,7 +54,7 @@ fn a_folder_without_permission_is_named() {
         );
         let output = shell(&folder, &script, &[]);
         allow(0o755);
-        let text = said(&output);
+        let text = messages_of(&output);
         if output.status.code() == Some(98) || text.contains("setpriv") {
             println!("left out: modes of folders do not bind this user");
             return;
@@ -64,12 +64,12 @@ fn a_folder_without_permission_is_named() {
         assert!(text.contains(&format!("{name}/")), "{name}: {text}");
     }
     folder.succeed("generate job.toml --quiet --out begun");
-    assert_like_whole(&folder, "begun");
+    assert_like_undisturbed(&folder, "begun");
 }
 
 #[test]
 fn an_output_inside_the_folder_of_the_meshes_is_no_mesh() {
-    let folder = with_whole(JOB);
+    let folder = with_undisturbed(JOB);
     fs::create_dir(folder.path("meshes")).expect("a folder");
     for name in ["cube.obj", "cone.obj"] {
         fs::copy(folder.path(name), folder.path("meshes").join(name)).expect("a mesh");

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, ChildStderr, ChildStdin, Command, Output, Stdio};
 
-use gelsim_files::fail_point::VARIABLE;
+use gelsim_files::fail_point::FAIL_POINT_VARIABLE;
 
 use crate::support::{Folder, JOB, assert_same_files, edited};
 
@@ -28,10 +28,10 @@ pub fn in_sequences(job: &str) -> String {
     edited(job, &[(depth, sequence)])
 }
 
-/// A folder with a job and what an undisturbed run of it makes, in `whole`.
-pub fn with_whole(job: &str) -> Folder {
+/// A folder with a job and what an undisturbed run of it makes, in `complete`.
+pub fn with_undisturbed(job: &str) -> Folder {
     let folder = Folder::with_job(job);
-    folder.succeed("generate job.toml --quiet --out whole");
+    folder.succeed("generate job.toml --quiet --out complete");
     folder
 }
 
@@ -43,22 +43,22 @@ pub fn assert_swept(folder: &Folder, name: &str) {
 }
 
 /// The dataset `name` is the undisturbed one, byte for byte, and nothing else is there.
-pub fn assert_like_whole(folder: &Folder, name: &str) {
+pub fn assert_like_undisturbed(folder: &Folder, name: &str) {
     assert_swept(folder, name);
-    assert_same_files(&folder.lasting_files("whole"), &folder.lasting_files(name));
-    assert_eq!(folder.files("whole/stats").len(), folder.files(&format!("{name}/stats")).len());
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files(name));
+    assert_eq!(folder.files("complete/stats").len(), folder.files(&format!("{name}/stats")).len());
 }
 
 /// Whatever has its final name in the unfinished dataset `name` is what an undisturbed run makes; stats, which hold
-/// times, are whole and fit their tars.
-pub fn assert_whole_or_absent(folder: &Folder, name: &str) {
+/// times, are complete and fit their tars.
+pub fn assert_complete_or_absent(folder: &Folder, name: &str) {
     if !folder.path(name).exists() {
         return;
     }
-    let (whole, found) = (folder.files("whole"), folder.files(name));
+    let (complete, found) = (folder.files("complete"), folder.files(name));
     for (file, bytes) in found.iter().filter(|(file, _)| !file.split('/').any(|part| part.starts_with('.'))) {
         if let Some(shard) = file.strip_prefix("stats/").and_then(|file| file.strip_suffix(".json")) {
-            let stats: serde_json::Value = serde_json::from_slice(bytes).expect("a stats file is whole");
+            let stats: serde_json::Value = serde_json::from_slice(bytes).expect("a stats file is complete");
             let of_shard = |name: &str| {
                 let rest = name.strip_prefix("data/").and_then(|name| name.strip_prefix(shard));
                 rest.is_some_and(|rest| rest == ".tar" || rest.starts_with('/'))
@@ -66,7 +66,7 @@ pub fn assert_whole_or_absent(folder: &Folder, name: &str) {
             let bytes: usize = found.iter().filter(|(name, _)| of_shard(name)).map(|(_, bytes)| bytes.len()).sum();
             assert_eq!(stats["bytes"], bytes, "{file}");
         } else {
-            assert!(whole[file] == *bytes, "{file} is not what an undisturbed run makes");
+            assert!(complete[file] == *bytes, "{file} is not what an undisturbed run makes");
         }
     }
 }
@@ -82,7 +82,7 @@ impl Held {
     /// Starts a run and waits until it gets to the step `at`, of a shard or file if that is named. Otherwise its end.
     pub fn at(folder: &Folder, arguments: &str, at: &str) -> Result<Self, Output> {
         let mut command = Command::new(env!("CARGO_BIN_EXE_gelsim"));
-        command.current_dir(folder.path("")).args(arguments.split(' ')).env(VARIABLE, at);
+        command.current_dir(folder.path("")).args(arguments.split(' ')).env(FAIL_POINT_VARIABLE, at);
         let mut run = command.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the command starts");
         let input = run.stdin.take();
         let mut held = Self { said: BufReader::new(run.stderr.take().expect("a pipe")), run, input };
@@ -92,7 +92,7 @@ impl Held {
             if held.said.read_line(&mut lines).expect("text") == 0 {
                 return Err(held.ended(lines));
             }
-            if lines[start..].starts_with(VARIABLE) {
+            if lines[start..].starts_with(FAIL_POINT_VARIABLE) {
                 return Ok(held);
             }
         }
@@ -156,7 +156,7 @@ fn shell_by(by: &[&str], folder: &Folder, script: &str, environment: &[(&str, &s
 }
 
 /// What a script said on standard error; it must not be the words of a panic.
-pub fn said(output: &Output) -> String {
+pub fn messages_of(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!text.contains("panicked") && output.status.code() != Some(101), "a panic: {text}");
     text

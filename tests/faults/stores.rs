@@ -1,7 +1,7 @@
 //! Datasets in an object store that fails: at each of its answers in turn, from then on for ever, as a store that is away or
 //! a run that is killed between two requests. The same run makes the bytes of a run on disk.
 //!
-//! The store here is in memory; tests/pipeline/stores.py talks to a real one.
+//! The store here is in memory; tests/python/test_stores.py talks to a real one.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,11 +12,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 
 use gelsim_dataset::finalize::Finalized;
-use gelsim_dataset::generate::{Done, GenerateError, Request, Watch, generate, generate_in};
-use gelsim_dataset::mirror::finalize_in;
+use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store};
+use gelsim_dataset::mirror::finalize_in_store;
 use gelsim_dataset::verify::CheckLevel;
 use gelsim_files::hash::sha256;
-use gelsim_files::store::{Cause, Entry, Store, StoreError};
+use gelsim_files::store::{Store, StoreEntry, StoreError, StoreFailure};
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
 
@@ -46,12 +46,12 @@ impl Memory {
     }
 
     /// What is in it, times in stats left out.
-    fn lasting(&self) -> BTreeMap<String, String> {
+    fn without_times(&self) -> BTreeMap<String, String> {
         self.objects
             .lock()
             .expect("no panic")
             .iter()
-            .map(|(name, bytes)| (name.clone(), lasting(name, bytes)))
+            .map(|(name, bytes)| (name.clone(), without_times(name, bytes)))
             .collect()
     }
 
@@ -59,7 +59,7 @@ impl Memory {
         match &self.left {
             Some(left) if left.fetch_sub(1, Ordering::Relaxed) <= 0 => {
                 let said = String::from("connection refused");
-                Err(io::Error::other(StoreError { cause: Cause::Unreachable, said, scheme: "s3" }))
+                Err(io::Error::other(StoreError { cause: StoreFailure::Unreachable, message: said, scheme: "s3" }))
             }
             _ => Ok(self.objects.lock().expect("no panic")),
         }
@@ -67,11 +67,11 @@ impl Memory {
 }
 
 impl Store for Memory {
-    fn address(&self, name: &str) -> String {
+    fn full_address(&self, name: &str) -> String {
         format!("s3://bucket/presses/{name}").trim_end_matches('/').to_owned()
     }
 
-    fn top(&self) -> io::Result<(Vec<Entry>, Vec<String>)> {
+    fn list_top(&self) -> io::Result<(Vec<StoreEntry>, Vec<String>)> {
         let objects = self.objects()?;
         let mut folders: Vec<String> =
             objects.keys().filter_map(|name| Some(name.split_once('/')?.0.to_owned())).collect();
@@ -81,7 +81,7 @@ impl Store for Memory {
         Ok(if self.stale { Default::default() } else { (files, folders) })
     }
 
-    fn list(&self, folder: &str) -> io::Result<Vec<Entry>> {
+    fn list(&self, folder: &str) -> io::Result<Vec<StoreEntry>> {
         let objects = self.objects()?;
         let inside =
             objects.iter().filter(|(name, _)| name.strip_prefix(folder).is_some_and(|rest| rest.starts_with('/')));
@@ -126,9 +126,9 @@ impl Store for Memory {
 }
 
 /// A file's content; of stats what is left without times, of the job what is left without paths and the seal over them.
-fn lasting(name: &str, bytes: &[u8]) -> String {
+fn without_times(name: &str, bytes: &[u8]) -> String {
     if name.starts_with("stats/") {
-        let mut stats: serde_json::Value = serde_json::from_slice(bytes).expect("stats are whole");
+        let mut stats: serde_json::Value = serde_json::from_slice(bytes).expect("stats are complete");
         let stats = stats.as_object_mut().expect("an object");
         stats.retain(|key, _| !["seconds", "seal_sha256", "effects"].contains(&key.as_str()));
         return serde_json::to_string(&stats).expect("text");
@@ -146,9 +146,9 @@ fn plan(folder: &Folder, text: &str) -> Plan {
 }
 
 /// A run on one thread, so that it asks the store for the same things in the same order.
-fn run(store: &Memory, folder: &Folder, plan: &Plan, overwrite: bool) -> Result<Done, GenerateError> {
-    let request = Request { root: folder.path("staging"), shards: None, threads: Some(1), overwrite };
-    let done = generate_in(store, plan, &request, &Watch::default());
+fn run(store: &Memory, folder: &Folder, plan: &Plan, overwrite: bool) -> Result<RunSummary, GenerateError> {
+    let request = GenerateRequest { root: folder.path("staging"), shards: None, threads: Some(1), overwrite };
+    let done = generate_in_store(store, plan, &request, &RunMonitor::default());
     let left = fs::read_dir(folder.path("staging")).map_or(0, Iterator::count);
     assert_eq!(left, 0, "nothing of a run stays on this machine");
     done
@@ -156,9 +156,9 @@ fn run(store: &Memory, folder: &Folder, plan: &Plan, overwrite: bool) -> Result<
 
 /// What a run on disk makes.
 fn on_disk(folder: &Folder, plan: &Plan) -> Objects {
-    let request = Request { root: folder.path("whole"), shards: None, threads: Some(1), overwrite: true };
-    generate(plan, &request, &Watch::default()).expect("a run on disk");
-    folder.files("whole")
+    let request = GenerateRequest { root: folder.path("complete"), shards: None, threads: Some(1), overwrite: true };
+    generate(plan, &request, &RunMonitor::default()).expect("a run on disk");
+    folder.files("complete")
 }
 
 fn in_words(error: GenerateError) -> String {
@@ -169,16 +169,16 @@ fn in_words(error: GenerateError) -> String {
     }
 }
 
-/// What is described is whole, and what has stats is what they say.
+/// What is described is complete, and what has stats is what they say.
 fn assert_consistent(store: &Memory) {
     let objects = store.objects.lock().expect("no panic");
     for (name, bytes) in objects.iter().filter(|(name, _)| name.starts_with("stats/")) {
-        let stats: serde_json::Value = serde_json::from_slice(bytes).expect("stats are whole");
+        let stats: serde_json::Value = serde_json::from_slice(bytes).expect("stats are complete");
         let data = objects.get(stats["file"].as_str().expect("a name"));
         assert!(data.is_some_and(|data| stats["sha256"] == sha256(data)), "{name} vouches for what is not there");
     }
     if let Some(described) = objects.get("dataset.json") {
-        let described: serde_json::Value = serde_json::from_slice(described).expect("dataset.json is whole");
+        let described: serde_json::Value = serde_json::from_slice(described).expect("dataset.json is complete");
         for shard in described["shards"].as_array().expect("shards") {
             let data = &objects[shard["file"].as_str().expect("a name")];
             assert_eq!(shard["sha256"], sha256(data), "dataset.json describes what is not there");
@@ -190,7 +190,7 @@ fn assert_consistent(store: &Memory) {
 fn at_every_answer(before: &Objects, text: &str, overwrite: bool, consistent: bool) {
     let folder = Folder::new();
     let plan = plan(&folder, text);
-    let whole = Memory::with(&on_disk(&folder, &plan)).lasting();
+    let complete = Memory::with(&on_disk(&folder, &plan)).without_times();
     let mut answers = 0;
     loop {
         let store = Memory::with(before).failing_after(answers);
@@ -204,9 +204,9 @@ fn at_every_answer(before: &Objects, text: &str, overwrite: bool, consistent: bo
             assert!(said.starts_with("s3://bucket/presses") && said.contains("connection refused"), "{said}");
             let store = Memory { left: None, ..store };
             assert!(run(&store, &folder, &plan, overwrite).expect("it goes on").complete);
-            assert_eq!(store.lasting(), whole, "after {answers} answers");
+            assert_eq!(store.without_times(), complete, "after {answers} answers");
         } else {
-            assert_eq!(store.lasting(), whole);
+            assert_eq!(store.without_times(), complete);
         }
         if finished {
             break;
@@ -268,20 +268,20 @@ fn the_disk_holds_no_more_shards_than_there_are_threads() {
 fn parts_by_several_runs_are_the_dataset_of_one() {
     let folder = Folder::new();
     let plan = plan(&folder, JOB);
-    let whole = Memory::with(&on_disk(&folder, &plan)).lasting();
+    let complete = Memory::with(&on_disk(&folder, &plan)).without_times();
     let store = Memory::default();
     let count = plan.layout.shard_count();
     for number in (0..count).rev() {
         let root = folder.path(&format!("staging{number}"));
-        let request = Request { root, shards: Some(number..number + 1), threads: Some(1), overwrite: false };
-        let done = generate_in(&store, &plan, &request, &Watch::default()).expect("a part");
+        let request = GenerateRequest { root, shards: Some(number..number + 1), threads: Some(1), overwrite: false };
+        let done = generate_in_store(&store, &plan, &request, &RunMonitor::default()).expect("a part");
         assert_eq!((done.shards, done.complete), (1, number == 0));
     }
-    assert_eq!(store.lasting(), whole);
+    assert_eq!(store.without_times(), complete);
     // A part that begins when others have, of which its listing knew nothing.
     let late = Memory { stale: true, ..Memory::with(&store.objects.lock().expect("no panic")) };
     assert!(run(&late, &folder, &plan, false).expect("the same job").complete);
-    assert_eq!(late.lasting(), whole);
+    assert_eq!(late.without_times(), complete);
 }
 
 #[test]
@@ -315,19 +315,19 @@ fn what_is_not_the_runs_is_named_by_its_address_and_stays() {
 }
 
 #[test]
-fn a_dataset_in_a_store_is_described_if_it_is_whole() {
+fn a_dataset_in_a_store_is_described_if_it_is_complete() {
     let folder = Folder::new();
     let plan = plan(&folder, JOB);
-    let whole = on_disk(&folder, &plan);
+    let complete = on_disk(&folder, &plan);
     let finalized =
-        |store: &Memory, level| finalize_in(store, &folder.path("staging"), level).expect("it can be read").0;
-    let mut bare = whole.clone();
+        |store: &Memory, level| finalize_in_store(store, &folder.path("staging"), level).expect("it can be read").0;
+    let mut bare = complete.clone();
     for name in ["dataset.json", "wids.json", "README.md"] {
         bare.remove(name).expect("a description");
     }
     let store = Memory::with(&bare);
-    assert!(matches!(finalized(&store, CheckLevel::Checksums), Finalized::Whole { .. }));
-    assert_eq!(store.lasting(), Memory::with(&whole).lasting());
+    assert!(matches!(finalized(&store, CheckLevel::Checksums), Finalized::Valid { .. }));
+    assert_eq!(store.without_times(), Memory::with(&complete).without_times());
 
     let mut changed = bare.clone();
     *changed.get_mut("data/train-000001.tar").expect("a shard").last_mut().expect("bytes") ^= 1;
@@ -339,12 +339,12 @@ fn a_dataset_in_a_store_is_described_if_it_is_whole() {
     ] {
         let store = Memory::with(broken);
         match finalized(&store, level) {
-            Finalized::Wanting(findings) => assert!(findings[0].to_string().starts_with(named), "{findings:?}"),
-            Finalized::Whole { .. } => panic!("{named}"),
+            Finalized::Invalid(findings) => assert!(findings[0].to_string().starts_with(named), "{findings:?}"),
+            Finalized::Valid { .. } => panic!("{named}"),
         }
         assert!(*store.objects.lock().expect("no panic") == *broken, "nothing is changed");
     }
-    let nothing = finalize_in(&Memory::default(), &folder.path("staging"), CheckLevel::Sizes);
+    let nothing = finalize_in_store(&Memory::default(), &folder.path("staging"), CheckLevel::Sizes);
     let said = in_words(nothing.expect_err("no dataset").into());
     assert!(said.contains("s3://bucket/presses is no dataset"), "{said}");
 }
@@ -355,5 +355,5 @@ fn shards_that_are_folders_are_refused_for_a_store() {
     let plan = plan(&folder, &edited(JOB, &[("[output]", "[output]\ncontainer = \"folder\"")]));
     let store = Memory::default().failing_after(0);
     let said = in_words(run(&store, &folder, &plan, false).expect_err("refused"));
-    assert!(said.contains("cannot be put into a store whole"), "{said}");
+    assert!(said.contains("cannot be put into a store as one object"), "{said}");
 }

@@ -40,11 +40,11 @@ pub fn damaged(inputs: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
             .prop_map(|(at, value, size)| Damage::Binary(at, value, size)),
     ];
     (any::<Index>(), prop::collection::vec(one, 1..8)).prop_map(move |(start, accidents)| {
-        accidents.iter().fold(start.get(&inputs).clone(), |bytes, accident| happened(bytes, accident, &inputs))
+        accidents.iter().fold(start.get(&inputs).clone(), |bytes, accident| with_damage(bytes, accident, &inputs))
     })
 }
 
-fn happened(mut bytes: Vec<u8>, damage: &Damage, inputs: &[Vec<u8>]) -> Vec<u8> {
+fn with_damage(mut bytes: Vec<u8>, damage: &Damage, inputs: &[Vec<u8>]) -> Vec<u8> {
     // One past the end is a place too.
     let place = |at: &Index, bytes: &[u8]| at.index(bytes.len() + 1);
     match damage {

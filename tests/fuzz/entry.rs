@@ -13,20 +13,20 @@ use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::view::View;
 use gelsim_core::depth::Depth;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
-use gelsim_core::gelpad::{Contact, none};
+use gelsim_core::gelpad::{Contact, no_deformation};
 use gelsim_core::mesh::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::optics::background::BackgroundImage;
-use gelsim_core::optics::calibrated::{Calibrated, Shader};
-use gelsim_dataset::archive::{self, Files};
-use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection, Unit};
-use gelsim_dataset::frames::check::Reach;
-use gelsim_dataset::frames::source::Source;
-use gelsim_dataset::frames::stream::{StreamError, stream};
+use gelsim_core::optics::calibrated::{Calibrated, CalibratedShader};
+use gelsim_dataset::archive::{self, SampleFiles};
+use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
+use gelsim_dataset::frames::check::FrameReach;
+use gelsim_dataset::frames::source::FrameSource;
+use gelsim_dataset::frames::stream::{StreamError, render_stream};
 use gelsim_dataset::frames::{poses as poses_file, read};
 use gelsim_dataset::manifest::Manifest;
-use gelsim_dataset::recorded::Recorded;
-use gelsim_dataset::stats::Stats;
+use gelsim_dataset::recorded::RecordedDataset;
+use gelsim_dataset::stats::ShardStats;
 use gelsim_dataset::versioned::Versioned;
 use gelsim_dataset::{decode, verify};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
@@ -34,14 +34,14 @@ use gelsim_files::exr::{Compression, Exr, Pixel};
 use gelsim_files::mesh::{Format, parse};
 use gelsim_files::{exr as exr_file, heights, image_file, npy as npy_file, png as png_file};
 use gelsim_job::config::dataset::Dataset;
-use gelsim_job::config::{self, Overrides, Written};
+use gelsim_job::config::{self, Overrides, ParsedJob};
 use gelsim_job::label::Label;
-use gelsim_job::layers::{Coding, DepthFormat, OutputLayer, Scale};
+use gelsim_job::layers::{DepthFormat, LayerCoding, OutputLayer, StepScale};
 use gelsim_job::layout::Layout;
 use gelsim_job::plan::Plan;
 use gelsim_job::steps::{self, Steps};
 use gelsim_lab::presses::{self as press_file, Circle};
-use gelsim_lab::preview::{LayerSelection, Tile, sheet};
+use gelsim_lab::preview::{LayerSelection, Tile, draw_tile_sheet};
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
@@ -61,8 +61,8 @@ pub fn job(bytes: &[u8]) {
     assert!(report.to_string().contains("error: "));
 }
 
-fn read_job(text: &str, problems: &mut Diagnostics) -> Written {
-    config::read_text("job.toml", text.to_owned(), Path::new("none"), &Overrides::default(), problems)
+fn read_job(text: &str, problems: &mut Diagnostics) -> ParsedJob {
+    config::read_job_text("job.toml", text.to_owned(), Path::new("none"), &Overrides::default(), problems)
 }
 
 fn json(value: &impl serde::Serialize) -> serde_json::Value {
@@ -187,30 +187,30 @@ fn written_ply(mesh: &Mesh) -> Vec<u8> {
 pub fn npy(bytes: &[u8]) {
     heights_of(bytes);
     for layer in [OutputLayer::Depth, OutputLayer::Normal] {
-        let Ok(read) = decode::planes(layer, Coding::Npy, bytes, &Steps::default()) else { continue };
+        let Ok(read) = decode::decode_planes(layer, LayerCoding::Npy, bytes, &Steps::default()) else { continue };
         assert!(read.channels.iter().all(|(_, values)| values.len() == read.width * read.height));
         let planes: Vec<&[f32]> = read.channels.iter().map(|(_, values)| values.as_slice()).collect();
         let again = npy_file::encode(read.width, read.height, &planes);
-        let again =
-            decode::planes(layer, Coding::Npy, &again, &Steps::default()).expect("what was written can be read");
+        let again = decode::decode_planes(layer, LayerCoding::Npy, &again, &Steps::default())
+            .expect("what was written can be read");
         for ((_, a), (_, b)) in read.channels.iter().zip(&again.channels) {
             assert!(a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()));
         }
     }
-    let Some(read) = image(npy_file::decode(bytes).map(|array| array.values)) else { return };
+    let Some(read) = image(npy_file::decode_height_array(bytes).map(|array| array.values)) else { return };
     let text = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}\n", read.height, read.width);
     let mut again = b"\x93NUMPY\x01\x00".to_vec();
     again.extend((text.len() as u16).to_le_bytes());
     again.extend(text.as_bytes());
     read.data.iter().for_each(|value| again.extend(value.to_le_bytes()));
-    let again = npy_file::decode(&again).expect("what was written can be read");
-    assert_eq!(again.most, None);
+    let again = npy_file::decode_height_array(&again).expect("what was written can be read");
+    assert_eq!(again.max_value, None);
     assert_same_bits(&again.values, &read);
 }
 
 /// Heights are from 0 to 1 and not more than a side may have, whatever the format.
 fn heights_of(bytes: &[u8]) {
-    if let Some(read) = image(heights::decode(bytes)) {
+    if let Some(read) = image(heights::decode_height_map(bytes)) {
         assert!(read.width <= 8192 && read.height <= 8192);
         assert!(read.data.iter().all(|height| (0.0..=1.0).contains(height)));
     }
@@ -225,22 +225,23 @@ fn assert_same_bits(a: &Grid<f32>, b: &Grid<f32>) {
 /// A picture has as many values as its size says, and is the same after being written losslessly and read again.
 pub fn exr(bytes: &[u8]) {
     heights_of(bytes);
-    let Some(read) = image(exr_file::decode(bytes)) else { return };
+    let Some(read) = image(exr_file::decode_first_channel(bytes)) else { return };
     for compression in [Compression::None, Compression::Rle, Compression::Zip] {
         let storage = Exr { pixel: Pixel::Float, compression };
         let again = exr_file::encode(read.width, read.height, &[("Z", &read.data)], storage);
-        assert_same_bits(&exr_file::decode(&again).expect("what was written can be read"), &read);
+        assert_same_bits(&exr_file::decode_first_channel(&again).expect("what was written can be read"), &read);
     }
 }
 
 /// A background is the same after being written and read again.
 pub fn png(bytes: &[u8]) {
     heights_of(bytes);
-    let small = png_file::header(bytes).is_ok_and(|([width, height], _)| width * height <= 1 << 20);
-    if small && let Ok(read) = steps::values(bytes) {
+    let small = png_file::read_header(bytes).is_ok_and(|([width, height], _)| width * height <= 1 << 20);
+    if small && let Ok(read) = steps::decode_grey16(bytes) {
         let steps = Steps::new(&[OutputLayer::Surface], DepthFormat::Png16, 3.0);
-        let plane_mm = steps.decode(Scale::Surface, bytes).expect("it was just read").data;
-        let again = steps::values(&steps.encode(Scale::Surface, read.width, read.height, &plane_mm)).expect("written");
+        let plane_mm = steps.decode(StepScale::Surface, bytes).expect("it was just read").data;
+        let again = steps::decode_grey16(&steps.encode(StepScale::Surface, read.width, read.height, &plane_mm))
+            .expect("written");
         // 0 stands for what is not finite, which does not come back.
         assert!(read.data.iter().zip(&again.data).all(|(a, b)| a.max(&1) == b));
     }
@@ -296,33 +297,33 @@ diameter_mm = 0.5
 layers = ["depth", "surface", "contact", "normal", "pressure", "markers", "reference"]
 "#;
 
-/// A shard has no more in it than its bytes, and is found whole again after its files are put into a new tar if it was
-/// whole; a mistake in it is said in words.
+/// A shard has no more in it than its bytes, and is found complete again after its files are put into a new tar if it
+/// was complete; a mistake in it is said in words.
 pub fn shard(bytes: &[u8]) {
-    static JOB: LazyLock<Recorded> = LazyLock::new(|| {
+    static JOB: LazyLock<RecordedDataset> = LazyLock::new(|| {
         let job = read_job(SHARD_JOB, &mut Diagnostics::default()).job;
         let Dataset { samples, samples_per_shard, splits, .. } = &job.dataset;
         let layout = Layout::new(samples.unwrap_or(1), *samples_per_shard, *splits);
-        Recorded { root: PathBuf::new(), job, layout }
+        RecordedDataset { root: PathBuf::new(), job, layout }
     });
-    let found = verify::check(bytes, &JOB, JOB.layout.shard(0));
+    let found = verify::check_tar(bytes, &JOB, JOB.layout.shard(0));
     assert!(found.iter().all(|what| !what.is_empty()));
     let (mut length, mut samples) = (0, Vec::new());
-    let read = archive::read(bytes, |files| {
+    let read = archive::visit_tar(bytes, |files| {
         length += files.members.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
-        Tile::read(&files, &LayerSelection::Usual).map(|tile| sheet(&[tile], 1, 64)).ok();
+        Tile::from_files(&files, &LayerSelection::Usual).map(|tile| draw_tile_sheet(&[tile], 1, 64)).ok();
         samples.push(files);
         ControlFlow::Continue(())
     });
     assert!(length <= bytes.len());
     if found.is_empty() {
         assert!(read.is_ok());
-        assert_eq!(verify::check(retold(&samples).as_slice(), &JOB, JOB.layout.shard(0)), Vec::<String>::new());
+        assert_eq!(verify::check_tar(to_gnu_tar(&samples).as_slice(), &JOB, JOB.layout.shard(0)), Vec::<String>::new());
     }
 }
 
 /// The same samples in another kind of tar.
-fn retold(samples: &[Files]) -> Vec<u8> {
+fn to_gnu_tar(samples: &[SampleFiles]) -> Vec<u8> {
     let mut tar = tar::Builder::new(Vec::new());
     for files in samples {
         for (suffix, bytes) in &files.members {
@@ -337,11 +338,11 @@ fn retold(samples: &[Files]) -> Vec<u8> {
 /// What describes a dataset is refused, or the same after being written and read again.
 pub fn manifest(bytes: &[u8]) {
     if let Ok(Some(manifest)) = Manifest::parse(bytes) {
-        manifest.wids();
+        manifest.to_wids_index();
         same_again(&manifest, |text| Manifest::parse(text).ok().flatten());
     }
-    if let Ok(Some(stats)) = Stats::parse(bytes) {
-        same_again(&stats, |text| Stats::parse(text).ok().flatten());
+    if let Ok(Some(stats)) = ShardStats::parse(bytes) {
+        same_again(&stats, |text| ShardStats::parse(text).ok().flatten());
     }
     if let Ok(label) = serde_json::from_slice::<Label>(bytes) {
         same_again(&label, |text| serde_json::from_slice(text).ok());
@@ -357,13 +358,13 @@ fn same_again<T: serde::Serialize>(value: &T, read: impl Fn(&[u8]) -> Option<T>)
     assert_eq!(read(&text).as_ref().map(json), Some(json(value)));
 }
 
-/// A table of measured light is refused, or is the same after being written and read again, and its light is finite.
+/// A table of calibrated light is refused, or is the same after being written and read again, and its light is finite.
 pub fn calibration(bytes: &[u8]) {
-    let table = match gelsim_files::calibration::parse(bytes) {
+    let table = match gelsim_files::calibration::parse_calibration(bytes) {
         Ok(table) => table,
         Err(reason) => return assert!(!reason.is_empty()),
     };
-    same_again(&table, |text| gelsim_files::calibration::parse(text).ok());
+    same_again(&table, |text| gelsim_files::calibration::parse_calibration(text).ok());
     const CAMERA: View = View { resolution_px: [7, 5], mm_per_px: [0.5; 2] };
     static CONTACT: LazyLock<Contact> = LazyLock::new(|| {
         let mut penetration = Grid::new(9, 7);
@@ -371,11 +372,11 @@ pub fn calibration(bytes: &[u8]) {
         let mut depth =
             Depth { penetration, margin_px: 1, touching: Rect::default(), deepest_mm: 0.0, over_thickness_px: 0 };
         depth.measure();
-        none::press(&depth)
+        no_deformation::press(&depth)
     });
     let rest = BackgroundImage::new(7, 5, vec![100; 105]);
     for spacing_mm in [0.0, 1.0] {
-        let shader = Shader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
+        let shader = CalibratedShader::new(Calibrated { spacing_mm }, Some(&table), &CAMERA);
         let light = shader.shade(&CONTACT, &rest, &mut EffectLog::new(EffectPolicy::All));
         assert!(light.region.area() == 35 && light.planes.iter().flatten().all(|value| value.is_finite()));
     }
@@ -404,8 +405,8 @@ pub fn presses(bytes: &[u8]) {
         text += &format!("{},{circle},{pitch},{ball}\n", quoted(&press.file));
     }
     let again = press_file::parse(path, text.as_bytes()).expect("what was written can be read");
-    let but_lines = |presses: &[press_file::Press]| -> Vec<press_file::Press> {
-        presses.iter().map(|press| press_file::Press { line: 0, ..press.clone() }).collect()
+    let but_lines = |presses: &[press_file::PressRow]| -> Vec<press_file::PressRow> {
+        presses.iter().map(|press| press_file::PressRow { line: 0, ..press.clone() }).collect()
     };
     assert_eq!(but_lines(&again.presses), but_lines(&table.presses));
 }
@@ -415,40 +416,40 @@ pub fn presses(bytes: &[u8]) {
 pub fn frame(bytes: &[u8]) {
     const VIEW: View = View { resolution_px: [9, 7], mm_per_px: [1.0; 2] };
     let camera = |projection| DepthCamera {
-        unit: Unit::Millimetre,
+        unit: DepthUnit::Millimetre,
         plane_mm: 10.0,
         max_depth_mm: Some(1e6),
         background: Some(65535.0),
         flip: [true, true],
         offset_px: [0.5, -0.25],
         projection,
-        along: Along::Axis,
+        along: DistanceAlong::Axis,
     };
-    match read::decode(bytes) {
+    match read::decode_frame(bytes) {
         Err(reason) => assert!(!reason.is_empty()),
         Ok(seen) if seen.data.len() > 1 << 16 => {}
         Ok(seen) => {
             let own = View { resolution_px: [seen.width, seen.height], ..VIEW };
             for (projection, view) in
-                [(Projection::Orthographic, own), (Projection::Perspective { fov_y_deg: 60.0 }, VIEW)]
+                [(DepthProjection::Orthographic, own), (DepthProjection::Perspective { fov_y_deg: 60.0 }, VIEW)]
             {
-                match camera(projection).heights(seen.clone(), &view) {
+                match camera(projection).to_heights(seen.clone(), &view) {
                     Err(problem) => assert!(!problem.message.is_empty() && problem.help.is_some()),
                     Ok(heights) => {
                         let Grid { width, height, data } = &heights.above_mm;
                         assert_eq!([*width, *height], view.resolution_px);
                         assert!(data.len() == width * height && data.iter().all(|mm| !mm.is_nan()));
-                        let reach = Reach::from_surface(&heights, 3.0);
+                        let reach = FrameReach::from_surface(&heights, 3.0);
                         assert!(reach.through_px + reach.unseen_px <= 2 * data.len() as u64);
-                        reach.mistake(&camera(projection));
+                        reach.find_error(&camera(projection));
                     }
                 }
             }
         }
     }
     // No plan is made: what would be rendered is no matter of reading.
-    let refused = |_| Err(Report::message("a plan is not wanted"));
-    match stream(bytes, Vec::new(), &camera(Projection::Orthographic), None, refused, |_| {}) {
+    let refused = |_| Err(Report::from_message("a plan is not wanted"));
+    match render_stream(bytes, Vec::new(), &camera(DepthProjection::Orthographic), None, refused, |_| {}) {
         Ok(frames) => assert!(frames == 0 && bytes.is_empty()),
         Err(StreamError::Frame(0, problem)) => assert!(!problem.message.is_empty()),
         Err(StreamError::Plan(_)) => {}
@@ -458,8 +459,8 @@ pub fn frame(bytes: &[u8]) {
 
 /// A table of poses is refused with a report that can be shown, or says something finite of every frame.
 pub fn poses(bytes: &[u8]) {
-    let sources = ["a", "b"].map(|stem| Source { path: PathBuf::from(stem), stem: stem.to_owned() });
-    match poses_file::parse(Path::new("poses.csv"), bytes, &sources) {
+    let sources = ["a", "b"].map(|stem| FrameSource { path: PathBuf::from(stem), stem: stem.to_owned() });
+    match poses_file::parse_poses(Path::new("poses.csv"), bytes, &sources) {
         Err(report) => assert!(report.to_string().contains("error: ")),
         Ok(known) => {
             assert_eq!(known.len(), 2);

@@ -1,11 +1,13 @@
 //! What the library computes: one process for all of it, tests by name: `cargo test --release --test library physics::contact`.
 //!
 //! Each folder beside this one is a module, whose head says what it asks. `oracle` holds second implementations that several
-//! of them compare with, `plan` makes the plan of a job's text, `cases` checks a table's cases side by side.
+//! of them compare with, `random_jobs` draws jobs, `plan` makes the plan of a job's text, `shapes` makes meshes and
+//! random numbers, `cases` checks a table's cases side by side.
 
 use gelsim::SensorExt;
 
 mod cases;
+mod shapes;
 mod stages;
 
 #[path = "../calibration/mod.rs"]
@@ -20,6 +22,8 @@ mod oracle;
 mod physics;
 #[path = "../physics/plan.rs"]
 mod plan;
+#[path = "../random_jobs/mod.rs"]
+mod random_jobs;
 #[path = "../reality/mod.rs"]
 mod reality;
 #[path = "../stability/mod.rs"]

@@ -15,8 +15,8 @@ pub struct Cut {
     pub most: f64,
 }
 
-/// The overlap on squares of `factor` pixels of `fine`, and which of them walls cut. `own` is the displacement of a coarse pixel
-/// under pressure 1 on itself, mm; `pitch` that of the fine grid.
+/// The penetration on squares of `factor` pixels of `fine`, and which of them walls cut. `own` is the displacement of a
+/// coarse pixel under pressure 1 on itself, mm; `pitch` that of the fine grid.
 pub fn cut(fine: &Grid<f64>, factor: usize, pitch: f64, own: f64) -> (Grid<f64>, Vec<Cut>) {
     let (columns, rows) = (fine.width / factor, fine.height / factor);
     let below = |x: usize, y: usize| fine.at(x.min(fine.width - 1), y.min(fine.height - 1)).max(0.0);
@@ -100,10 +100,10 @@ pub fn cut(fine: &Grid<f64>, factor: usize, pitch: f64, own: f64) -> (Grid<f64>,
             let compliance = wall * own / 0.561 * (ridge + goes_on * (edge - ridge));
             let weight = |g: f64, at: [usize; 2]| face(g) * if central(at[0], at[1]) { 4.0 } else { 1.0 };
             let part = of(false, &|g, at| weight(g, at) * g) / of(false, &weight);
-            let overlap = centre + wall * (part - centre);
-            let most = (overlap - of(false, &|g, _| g) / count).max(0.0);
+            let penetration = centre + wall * (part - centre);
+            let most = (penetration - of(false, &|g, _| g) / count).max(0.0);
             cuts.push(Cut { at: data.len(), compliance, most });
-            data.push(overlap);
+            data.push(penetration);
         }
     }
     (Grid { width: columns, height: rows, data }, cuts)

@@ -26,33 +26,33 @@ pub fn solved(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
 
 /// Pressures for E = 1 and displacements that fulfil the conditions of contact to 1e-12 mm at all pixels: the set of
 /// those in contact is guessed, solved for, and mended until nothing is left to mend.
-pub fn dense_contact(overlap: &Grid<f64>, response: impl Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
-    dense_contact_on_springs(overlap, &vec![0.0; overlap.data.len()], response)
+pub fn dense_contact(penetration: &Grid<f64>, response: impl Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
+    dense_contact_on_springs(penetration, &vec![0.0; penetration.data.len()], response)
 }
 
 /// The same where each pixel gives way by its own number of mm under pressure 1, beside what the pad does.
 pub fn dense_contact_on_springs(
-    overlap: &Grid<f64>,
+    penetration: &Grid<f64>,
     springs: &[f64],
     response: impl Fn(usize, usize) -> f64,
 ) -> (Vec<f64>, Vec<f64>) {
-    let (width, count) = (overlap.width, overlap.data.len());
+    let (width, count) = (penetration.width, penetration.data.len());
     let lags: Vec<f64> = (0..count).map(|at| response(at % width, at / width)).collect();
     let between = |a: usize, b: usize| lags[(a / width).abs_diff(b / width) * width + (a % width).abs_diff(b % width)];
-    let mut touching: Vec<bool> = overlap.data.iter().map(|g| *g > 0.0).collect();
+    let mut touching: Vec<bool> = penetration.data.iter().map(|g| *g > 0.0).collect();
     for _ in 0..200 {
         let inside: Vec<usize> = (0..count).filter(|at| touching[*at]).collect();
         let spring = |a: usize, b: usize| if a == b { springs[a] } else { 0.0 };
         let row = |a: &usize| inside.iter().map(|b| between(*a, *b) + spring(*a, *b)).collect();
         let matrix = inside.iter().map(row).collect();
-        let found = solved(matrix, inside.iter().map(|at| overlap.data[*at]).collect());
+        let found = solved(matrix, inside.iter().map(|at| penetration.data[*at]).collect());
         let mut pressure = vec![0.0; count];
         inside.iter().zip(&found).for_each(|(at, p)| pressure[*at] = *p);
         let displacement: Vec<f64> =
             (0..count).map(|a| inside.iter().map(|b| between(a, *b) * pressure[*b]).sum()).collect();
         let mut mended = false;
         for at in 0..count {
-            let wrong = if touching[at] { pressure[at] < 0.0 } else { overlap.data[at] - displacement[at] > 1e-12 };
+            let wrong = if touching[at] { pressure[at] < 0.0 } else { penetration.data[at] - displacement[at] > 1e-12 };
             touching[at] ^= wrong;
             mended |= wrong;
         }

@@ -3,6 +3,8 @@
 pub mod cut_pixels;
 pub mod dense_contact;
 pub mod fourier;
+pub mod pipeline_f64;
 pub mod pressed_pixel;
 pub mod ray_tracer;
+pub mod scenery;
 pub mod shading;

@@ -28,9 +28,9 @@ fn side(layer: ElasticLayer, away: f64, from: f64, to: f64) -> f64 {
 /// S(r).
 fn within(layer: ElasticLayer, r: f64) -> f64 {
     let h = layer.thickness_mm;
-    let half_space = layer.half_space();
+    let half_space = layer.half_space_compliance();
     // Less the half-space's, whose S is r times its constant; beyond q h = 20 the two differ by 1e-14.
-    let rest = |s: f64| (layer.normal(s / h) / h - half_space / s.max(1e-12)) * libm::j1(s * r / h);
+    let rest = |s: f64| (layer.normal_compliance(s / h) / h - half_space / s.max(1e-12)) * libm::j1(s * r / h);
     r / TAU * (half_space + integral(1e-9, 20.0, 60 + (20.0 * r / h) as usize, rest))
 }
 

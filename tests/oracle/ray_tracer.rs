@@ -95,7 +95,7 @@ impl Dent {
     }
 
     /// What the camera sees at a place of its image: where the surface is, and its normal.
-    pub fn seen(self, [x, y]: [f64; 2]) -> (Vector, Vector) {
+    pub fn point_seen(self, [x, y]: [f64; 2]) -> (Vector, Vector) {
         let down = [0.0, 0.0, -1.0];
         let from = [x, y, 10.0];
         let (t, normal) = self.hit(from, down).expect("the plane has no holes");
@@ -146,7 +146,7 @@ impl Lamp {
     }
 
     /// Direction of the LED from a place, brightness there, and whether nothing is in between.
-    fn from(self, dent: Dent, place: Vector, normal: Vector, light: Light) -> (Vector, f64, bool) {
+    fn light_at(self, dent: Dent, place: Vector, normal: Vector, light: Light) -> (Vector, f64, bool) {
         let lit = if light.regardless_of_height { [place[0], place[1], 0.0] } else { place };
         let (way, strength) = match self.distance_mm {
             None => (self.to_led, 1.0),
@@ -164,13 +164,13 @@ impl Lamp {
 
     /// N.l times brightness.
     pub fn irradiance(self, dent: Dent, (place, normal): (Vector, Vector), light: Light) -> f64 {
-        let (to_led, strength, free) = self.from(dent, place, normal, light);
+        let (to_led, strength, free) = self.light_at(dent, place, normal, light);
         if free { strength * dot(to_led, normal).max(0.0) } else { 0.0 }
     }
 
     /// Phong's light, 1 = full scale.
     pub fn phong(self, dent: Dent, (place, normal): (Vector, Vector), light: Light, constants: &Phong) -> f64 {
-        let (to_led, strength, free) = self.from(dent, place, normal, light);
+        let (to_led, strength, free) = self.light_at(dent, place, normal, light);
         let facing = dot(to_led, normal);
         if !free || facing <= 0.0 {
             return 0.0;

@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use super::rig::{Rig, Setup};
-use super::support::{Shape, bundled_objects};
+use super::support::bundled_objects;
+use crate::shapes::Shape;
 use gelsim_core::base::grid::{Grid, Resolution};
 use gelsim_core::base::view::{SURFACE_BORDER, View};
-use gelsim_core::depth::beyond::Surroundings;
 use gelsim_core::depth::indenter::Indenter;
-use gelsim_core::depth::{self, Window};
+use gelsim_core::depth::outside_window::OutsideCapture;
+use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_core::gelpad::Contact;
-use gelsim_core::gelpad::total_contact::{Beyond, TotalContact, total_contact};
+use gelsim_core::gelpad::total_contact::{OutsideWindow, TotalContact, measure_total_contact};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, Pose, Side};
 
@@ -50,7 +51,7 @@ impl At {
 /// A press with what lies beyond the window, or without.
 struct Pressed {
     contact: Contact,
-    beyond: Option<Beyond>,
+    beyond: Option<OutsideWindow>,
     total: TotalContact,
 }
 
@@ -61,12 +62,14 @@ fn view(rig: &Rig) -> View {
 fn press(rig: &Rig, indenter: &Indenter, with_all: bool) -> Pressed {
     let Setup { thickness_mm, youngs_modulus_kpa, .. } = rig.setup;
     let (view, margin_px) = (view(rig), rig.margin_px());
-    let depth = depth::captured(indenter, &view, Window { margin_px, above_mm: thickness_mm }, thickness_mm);
-    let around = Surroundings::new(indenter, None, None, thickness_mm, &view, margin_px).filter(|_| with_all);
-    let beyond = around.map(|around| rig.pad.beyond(&around));
-    let mut contact = rig.pad.press_with(&depth, beyond.as_ref());
+    let depth =
+        depth::capture_indenter(indenter, &view, CaptureWindow { margin_px, above_mm: thickness_mm }, thickness_mm);
+    let around = OutsideCapture::new(indenter, None, None, thickness_mm, &view, margin_px).filter(|_| with_all);
+    let beyond = around.map(|around| rig.pad.solve_outside_window(&around));
+    let mut contact = rig.pad.press_with_outside(&depth, beyond.as_ref());
     assert!(contact.finite && contact.numerics.converged, "{:?}", contact.numerics);
-    let total = total_contact(indenter.shape(), &depth, beyond.as_ref(), &mut contact, youngs_modulus_kpa, &view);
+    let total =
+        measure_total_contact(indenter.shape(), &depth, beyond.as_ref(), &mut contact, youngs_modulus_kpa, &view);
     Pressed { contact, beyond, total }
 }
 
@@ -81,7 +84,7 @@ fn truth(rig: &Rig, wide: &Rig, indenter: &Indenter) -> Truth {
     let all = press(wide, indenter, false);
     let margin_px = wide.margin_px();
     let around = view(wide);
-    let missed = Surroundings::new(indenter, None, None, rig.setup.thickness_mm, &around, margin_px);
+    let missed = OutsideCapture::new(indenter, None, None, rig.setup.thickness_mm, &around, margin_px);
     assert!(missed.is_none(), "the wide window holds all of the object");
     let ([width, height], [wide_px, high_px]) = (rig.setup.resolution_px, wide.setup.resolution_px);
     let (left, top) = ((wide_px - width) / 2, (high_px - height) / 2);
@@ -190,7 +193,7 @@ fn a_plate_of_a_metre_presses_as_an_endless_one() {
         let depth_mm = 0.1 * thickness_mm;
         let found = press(&rig, &flat(0.0, 0.0, 10.0, depth_mm).indenter(&plate), true);
         let layer = rig.setup.layer();
-        let kpa = depth_mm / layer.normal(0.0) * rig.setup.youngs_modulus_kpa;
+        let kpa = depth_mm / layer.normal_compliance(0.0) * rig.setup.youngs_modulus_kpa;
         let (expected, all) = (kpa * 20.0 * 15.0 * 1e-3, kpa * 1e6 * 1e-3);
         let (force, total) = (found.contact.force_n.expect("solved"), found.total.total_force_n.expect("solved"));
         println!(
@@ -239,7 +242,7 @@ fn hard_cases_stay_finite_and_solved_and_the_same() {
 fn what_ends_in_the_window_has_nothing_beyond() {
     let [rig, _] = rigs([[40, 30]; 2], 0.5, 0.48, 3.0);
     // The window ends at 14 mm. A ball's upper half may reach further, but not below the pad.
-    let ball = Arc::new(Shape::ball(9.0, 64, 32).clusters());
+    let ball = Arc::new(Shape::ball_around_origin(9.0, 64, 32).clusters());
     for (object, at, cut_by_view) in [
         (&block([4.0, 4.0, 4.0]), flat(0.0, 0.0, 30.0, 0.3), false),
         (&block([4.0, 4.0, 4.0]), flat(10.0, 0.0, 0.0, 0.3), true),

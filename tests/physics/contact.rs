@@ -8,9 +8,9 @@ use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::Elastic;
 
 use super::rig::{NOTHING, Named, OBJECTS, RESOLUTIONS, Rig, Setup};
-use super::support::Random;
 use crate::oracle::dense_contact::dense_contact;
 use crate::oracle::pressed_pixel::pressed_pixel;
+use crate::shapes::Random;
 
 /// 16 x 16 px, 4 mm wide.
 const SMALL: [Named; 6] = [
@@ -199,7 +199,7 @@ fn contact_is_complementary_at_every_pixel_of_every_object() {
 }
 
 #[test]
-fn pile_up_makes_contact_far_beyond_the_overlap() {
+fn pile_up_makes_contact_far_beyond_the_penetration() {
     let setup = Setup { resolution_px: [160, 120], mm_per_px: [0.125; 2], poisson_ratio: 0.4999, ..Setup::default() };
     for resolution in RESOLUTIONS {
         let rig = setup.solved(resolution, 0.5).rig();
@@ -217,7 +217,7 @@ fn pile_up_makes_contact_far_beyond_the_overlap() {
 
 #[test]
 fn a_solver_that_may_not_iterate_says_that_it_did_not_converge() {
-    let mut random = Random::new(5);
+    let mut random = Random(5);
     let setup = Setup { resolution_px: [40, 40], ..Setup::default() };
     for max_iterations in [1, 2, 3] {
         let setup = Setup { elastic: Elastic { max_iterations, ..setup.elastic }, ..setup };

@@ -1,14 +1,16 @@
 //! Fourier transforms and convolutions against plain ones in f64 and against sums written out.
 
 use gelsim_core::base::grid::Grid;
-use gelsim_core::base::simd::{self, Vectors};
-use gelsim_core::gelpad::elastic::convolve::{Buffers, Lengths, Shape, Spectrum, Torus};
+use gelsim_core::base::simd::{self, VectorWidth};
+use gelsim_core::gelpad::elastic::convolve::{
+    ConvolutionBuffers, ConvolutionShape, FftPlans, KernelSpectrum, TorusConvolution,
+};
 use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 use nalgebra::Complex;
 use pulp::{Arch, Scalar, Simd, WithSimd};
 
-use super::support::Random;
 use crate::oracle::fourier::Fourier;
+use crate::shapes::Random;
 
 /// A transform, or its way back, with vectors to be chosen.
 struct Run<'a> {
@@ -23,7 +25,7 @@ impl WithSimd for Run<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Signals { re, im } = self.signals;
-        if self.forward { self.fft.forward(simd, re, im) } else { self.fft.back(simd, re, im) }
+        if self.forward { self.fft.forward(simd, re, im) } else { self.fft.inverse(simd, re, im) }
     }
 }
 
@@ -64,16 +66,16 @@ fn chosen_lengths_are_the_next_smooth_multiples_of_16() {
 
 #[test]
 fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
-    let mut random = Random::new(1);
+    let mut random = Random(1);
     let mut worst = 0.0_f64;
     for len in lengths() {
         let (fft, plain) = (Fft::new(len), Fourier::new(len, false));
         let before = noise(len, &mut random);
         let mut signals = before.clone();
-        simd::dispatch(Run { fft: &fft, signals: &mut signals, forward: true });
+        simd::dispatch_kernel(Run { fft: &fft, signals: &mut signals, forward: true });
         // Rounding adds up like a random walk over the stages; the root of the length is the size of a spectrum of noise.
         let bound = 4.0 * f64::from(f32::EPSILON) * (len as f64).sqrt();
-        let mut places: Vec<usize> = (0..len).map(|k| fft.place(k)).collect();
+        let mut places: Vec<usize> = (0..len).map(|k| fft.frequency_index(k)).collect();
         for lane in 0..LANES {
             for (k, expected) in transformed(&plain, &before, lane).into_iter().enumerate() {
                 let at = places[k] * LANES + lane;
@@ -82,7 +84,7 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
                 worst = worst.max(error / (len as f64).sqrt());
             }
         }
-        simd::dispatch(Run { fft: &fft, signals: &mut signals, forward: false });
+        simd::dispatch_kernel(Run { fft: &fft, signals: &mut signals, forward: false });
         for (found, value) in signals.re.iter().zip(&before.re).chain(signals.im.iter().zip(&before.im)) {
             let error = f64::from(found / len as f32 - value).abs();
             assert!(error < 2e-6, "length {len}: there and back is off by {error}");
@@ -97,14 +99,16 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
 fn vectors_of_eight_and_of_one_give_the_same_bits() {
     assert!(!matches!(Arch::new(), Arch::Scalar), "this machine has no wide vectors to compare with");
     let bits = |signals: &Signals| signals.re.iter().chain(&signals.im).map(|v| v.to_bits()).collect::<Vec<_>>();
-    let mut random = Random::new(2);
+    let mut random = Random(2);
     for len in lengths() {
         let fft = Fft::new(len);
         let mut wide = noise(len, &mut random);
         let (mut eight, mut narrow) = (wide.clone(), wide.clone());
         for forward in [true, false] {
-            simd::dispatch(Run { fft: &fft, signals: &mut wide, forward });
-            simd::at_most(Vectors::Eight, || simd::dispatch(Run { fft: &fft, signals: &mut eight, forward }));
+            simd::dispatch_kernel(Run { fft: &fft, signals: &mut wide, forward });
+            simd::with_width_limit(VectorWidth::Eight, || {
+                simd::dispatch_kernel(Run { fft: &fft, signals: &mut eight, forward })
+            });
             Run { fft: &fft, signals: &mut narrow, forward }.with_simd(Scalar);
             assert!(bits(&wide) == bits(&narrow), "length {len}, forward {forward}");
             assert!(bits(&eight) == bits(&narrow), "length {len}, forward {forward}, by AVX2");
@@ -119,7 +123,7 @@ fn image(width: usize, height: usize, random: &mut Random) -> Grid<f32> {
 }
 
 /// `kernel * source` at one pixel of the target.
-fn summed(kernel: &Grid<f32>, source: &Grid<f32>, offset: [usize; 2], x: usize, y: usize) -> f64 {
+fn sum_at(kernel: &Grid<f32>, source: &Grid<f32>, offset: [usize; 2], x: usize, y: usize) -> f64 {
     let mut sum = 0.0;
     for v in 0..source.height {
         let lag_y = (v + offset[1]).abs_diff(y);
@@ -134,12 +138,12 @@ fn summed(kernel: &Grid<f32>, source: &Grid<f32>, offset: [usize; 2], x: usize, 
 }
 
 /// Convolves noise with noise and compares `checks` pixels, all if there are fewer.
-fn check(shape: Shape, kernel: [usize; 2], checks: usize, random: &mut Random) {
-    let Shape { source: [width, height], offset, target } = shape;
+fn check(shape: ConvolutionShape, kernel: [usize; 2], checks: usize, random: &mut Random) {
+    let ConvolutionShape { source: [width, height], offset, target } = shape;
     let (kernel, source) = (image(kernel[0], kernel[1], random), image(width, height, random));
-    let lengths = Lengths::new(2 * target[0].max(target[1]));
-    let torus = Torus::new(&lengths, shape, [kernel.width, kernel.height], 0);
-    let (mut buffers, mut spectrum) = (Buffers::default(), Spectrum::default());
+    let lengths = FftPlans::new(2 * target[0].max(target[1]));
+    let torus = TorusConvolution::new(&lengths, shape, [kernel.width, kernel.height], 0);
+    let (mut buffers, mut spectrum) = (ConvolutionBuffers::default(), KernelSpectrum::default());
     let mut run = || {
         let mut found = Grid::default();
         torus.set_spectrum(&kernel, &mut buffers, &mut spectrum);
@@ -167,7 +171,7 @@ fn check(shape: Shape, kernel: [usize; 2], checks: usize, random: &mut Random) {
             _ => random.below(count),
         };
         let (x, y) = (at % target[0], at / target[0]);
-        let sum = summed(&kernel, &source, offset, x, y);
+        let sum = sum_at(&kernel, &source, offset, x, y);
         let error = (f64::from(found.at(x, y)) - sum).abs();
         assert!(
             error < bound,
@@ -180,9 +184,9 @@ fn check(shape: Shape, kernel: [usize; 2], checks: usize, random: &mut Random) {
 
 #[test]
 fn convolutions_of_any_shape_agree_with_sums_written_out() {
-    let mut random = Random::new(3);
+    let mut random = Random(3);
     for round in 0..250 {
-        let mut shape = Shape { source: [1; 2], offset: [0; 2], target: [1; 2] };
+        let mut shape = ConvolutionShape { source: [1; 2], offset: [0; 2], target: [1; 2] };
         let mut kernel = [1; 2];
         for (k, reach) in kernel.iter_mut().enumerate() {
             shape.target[k] = 1 + random.below(40);
@@ -199,7 +203,7 @@ fn convolutions_of_any_shape_agree_with_sums_written_out() {
 
 #[test]
 fn large_convolutions_agree_with_sums_written_out() {
-    let mut random = Random::new(4);
+    let mut random = Random(4);
     // Pieces of the window of a camera: a contact in the middle, against both borders, one pixel, one line, all.
     for (source, offset, target) in [
         ([151, 149], [240, 170], [642, 482]),
@@ -211,7 +215,7 @@ fn large_convolutions_agree_with_sums_written_out() {
     ] {
         let kernel = [random.below(target[0]) + 1, random.below(target[1]) + 1];
         for kernel in [kernel, target] {
-            check(Shape { source, offset, target }, kernel, 60, &mut random);
+            check(ConvolutionShape { source, offset, target }, kernel, 60, &mut random);
         }
     }
 }
@@ -220,13 +224,14 @@ fn large_convolutions_agree_with_sums_written_out() {
 fn the_roughly_inverse_spectrum_undoes_a_convolution_but_for_its_cutoff() {
     // A response without small values is undone exactly where nothing is cut off.
     let kernel = Grid { width: 2, height: 1, data: vec![1.0, 0.2] };
-    let lengths = Lengths::new(96);
-    let shape = Shape { source: [48, 40], offset: [0; 2], target: [48, 40] };
-    let torus = Torus::new(&lengths, shape, [48, 40], 0);
-    let (mut buffers, mut spectrum, mut inverse) = (Buffers::default(), Spectrum::default(), Spectrum::default());
+    let lengths = FftPlans::new(96);
+    let shape = ConvolutionShape { source: [48, 40], offset: [0; 2], target: [48, 40] };
+    let torus = TorusConvolution::new(&lengths, shape, [48, 40], 0);
+    let (mut buffers, mut spectrum, mut inverse) =
+        (ConvolutionBuffers::default(), KernelSpectrum::default(), KernelSpectrum::default());
     torus.set_spectrum(&kernel, &mut buffers, &mut spectrum);
     inverse.clone_from(&spectrum);
-    torus.invert(&mut inverse, [0.1, 0.1], 0.0, 1.0, 1.4);
+    torus.invert_spectrum(&mut inverse, [0.1, 0.1], 0.0, 1.0, 1.4);
     let mut source = Grid::new(48, 40);
     source.row_mut(20)[24] = 1.0;
     let (mut there, mut back) = (Grid::default(), Grid::default());
@@ -237,7 +242,7 @@ fn the_roughly_inverse_spectrum_undoes_a_convolution_but_for_its_cutoff() {
     }
     // With everything cut off it is a factor.
     inverse.clone_from(&spectrum);
-    torus.invert(&mut inverse, [0.1, 0.1], 1e3, 4.0, 1.4);
+    torus.invert_spectrum(&mut inverse, [0.1, 0.1], 1e3, 4.0, 1.4);
     torus.convolve(&inverse, &source, &mut back, &mut buffers);
     for (found, value) in back.data.iter().zip(&source.data) {
         assert!((found - value / 4.0).abs() < 1e-6, "{found} instead of a quarter of {value}");

@@ -16,7 +16,7 @@ use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::{Phong, Shadows};
 use glam::DVec3;
 
-use super::support::Shape;
+use crate::shapes::Shape;
 
 /// The sensor without what its camera does to light.
 fn sensor(name: &str, px: [usize; 2]) -> Sensor {
@@ -28,7 +28,7 @@ fn sensor(name: &str, px: [usize; 2]) -> Sensor {
     sensor
 }
 
-fn made(sensor: &Sensor, policy: EffectPolicy) -> Simulator {
+fn simulator_of(sensor: &Sensor, policy: EffectPolicy) -> Simulator {
     let models = Fidelity::High.models(sensor.light_source());
     Simulator::with_models(sensor.clone(), models, policy)
 }
@@ -47,11 +47,11 @@ fn press(
 ) -> Impression {
     let (axes, origin_mm) = simulator.sensor().shape.as_ref().expect("it has one").frame_at(from_tip_mm, around_deg);
     let lowest_mm = -object.extreme([0.0, 0.0, -1.0]) + object.centre_mm()[2];
-    let pose = Pose::placed([0.0, 0.0, 0.3, 1.0], [0.0, 0.0, -lowest_mm - depth_mm]).within(axes, origin_mm);
+    let pose = Pose::from_quaternion([0.0, 0.0, 0.3, 1.0], [0.0, 0.0, -lowest_mm - depth_mm]).within(axes, origin_mm);
     simulator.press(&Indenter::clusters(Arc::clone(object), pose))
 }
 
-fn apart(a: &[u8], b: &[u8]) -> Vec<u8> {
+fn differences(a: &[u8], b: &[u8]) -> Vec<u8> {
     a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).collect()
 }
 
@@ -87,7 +87,7 @@ impl Skin<'_> {
             if below_mm > self.most_mm {
                 return Some(false);
             }
-            (self.displaced_mm(self.chart.at(site)) > below_mm + 1e-3).then_some(true)
+            (self.displaced_mm(self.chart.locate_site(site)) > below_mm + 1e-3).then_some(true)
         }) == Some(true)
     }
 
@@ -120,7 +120,7 @@ fn shadows_by_rays(found: &Impression, simulator: &Simulator, place: [f64; 2], e
     let [lowest, highest] = found.contact.range_mm();
     let skin = Skin {
         shape,
-        chart: Chart::around(shape, site),
+        chart: Chart::around_site(shape, site),
         view: *simulator.view(),
         surface: &found.contact.surface,
         most_mm: f64::from(highest.max(-lowest)) + 1e-3,
@@ -160,7 +160,7 @@ fn shadows_by_rays(found: &Impression, simulator: &Simulator, place: [f64; 2], e
 #[test]
 fn shadows_of_leds_inside_a_gel_are_left_out_and_are_small_by_rays() {
     let sensor = sensor("allsight", [120, 90]);
-    let simulator = made(&sensor, EffectPolicy::default());
+    let simulator = simulator_of(&sensor, EffectPolicy::default());
     let presses = [("sphere", 1.0, [26.0, 0.0]), ("cube", 0.8, [24.0, 50.0]), ("cube", 0.8, [3.0, 0.0])];
     for (name, depth_mm, place) in presses {
         let found = press(&simulator, &object(name), depth_mm, place);
@@ -180,7 +180,7 @@ fn shadows_of_leds_inside_a_gel_are_left_out_and_are_small_by_rays() {
             "shadows of a {name} at {place:?} by rays, {count} values around it: {mean:.2} levels on average, {:.2} RMS, {most:.0} at most",
             square.sqrt()
         );
-        assert!(count > 100 && mean < 2.0 && square.sqrt() < 9.0);
+        assert!(count > 100 && mean < 2.0 && square.sqrt() < 9.0, "{name}: {count} values, {mean}, {square}");
     }
 }
 
@@ -198,21 +198,21 @@ fn shadows_on_a_dome_of_a_kilometre_are_those_on_a_flat_pad() {
     dome.lens = LensModel::Orthographic;
     let models = || Models { optics: Model::Phong(Phong::default()), ..Fidelity::High.models(flat.light_source()) };
     let policy = EffectPolicy::Without(Effect::Supersampling);
-    let ball = Arc::new(Shape::ball(4.0, 192, 96).clusters());
-    let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [1.0, 0.5, 4.0 - 1.0]);
+    let ball = Arc::new(Shape::ball_around_origin(4.0, 192, 96).clusters());
+    let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [1.0, 0.5, 4.0 - 1.0]);
     let found = [&flat, &dome].map(|sensor| {
         let simulator = Simulator::with_models(sensor.clone(), models(), policy);
         simulator.press(&Indenter::clusters(Arc::clone(&ball), pose))
     });
     assert!(found.iter().all(|found| found.effects.notes[Effect::Shadows].ran));
-    let off = apart(&found[0].image.rgb, &found[1].image.rgb);
+    let off = differences(&found[0].image.rgb, &found[1].image.rgb);
     let most = off.iter().max().copied().unwrap_or(0);
     let few = off.iter().filter(|off| **off > 1).count();
     println!(
         "shadows on a dome of a kilometre: {most} levels off the flat pad's, {few} of {} values by more than one",
         off.len()
     );
-    assert!(most <= 3 && few * 500 < off.len());
+    assert!(most <= 3 && few * 500 < off.len(), "{most} levels, {few} of {}", off.len());
 }
 
 /// A picture, and one of three times the resolution on average over three by three pixels; no shadows in either.
@@ -251,6 +251,6 @@ fn light_on_a_finger_is_nearer_to_that_of_finer_pictures_where_it_is_averaged() 
             "saw-teeth of a {name} at {place:?}: {plain:.2} levels RMS over {touched} values that the press changes, {averaged:.2} averaged"
         );
         // What is left lies between the chart's nodes, which are fewer, too.
-        assert!(touched > 100 && averaged < plain);
+        assert!(touched > 100 && averaged < plain, "{touched} px: {averaged}, {plain}");
     }
 }

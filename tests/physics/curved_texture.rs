@@ -8,16 +8,16 @@ use gelsim_core::base::chart::Chart;
 use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
 use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::view::View;
-use gelsim_core::depth::normals::Normals;
+use gelsim_core::depth::chart_grid::ChartGrid;
+use gelsim_core::depth::normal_capture::NormalCapture;
 use gelsim_core::depth::patterns::Procedural;
-use gelsim_core::depth::places::Places;
-use gelsim_core::depth::texture::Posed;
-use gelsim_core::depth::{Depth, Window};
+use gelsim_core::depth::texture::PosedObject;
+use gelsim_core::depth::{CaptureWindow, Depth};
 use gelsim_job::sample::render;
 use glam::DVec3;
 
-use super::support::Shape;
 use crate::plan::plan;
+use crate::shapes::Shape;
 
 /// What a texture cuts off in a place of a flat pad, over an object's origin.
 fn cut_mm(texture: &Texture, at: [f64; 2], yaw_deg: f64, pitch_mm: f64) -> f32 {
@@ -33,11 +33,11 @@ fn cut_mm(texture: &Texture, at: [f64; 2], yaw_deg: f64, pitch_mm: f64) -> f32 {
 fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
     const PITCH_MM: f64 = 0.2;
     let view = View { resolution_px: [50, 40], mm_per_px: [PITCH_MM; 2] };
-    let window = Window { margin_px: 3, above_mm: 0.5 };
+    let window = CaptureWindow { margin_px: 3, above_mm: 0.5 };
     let slab = Path::new(env!("CARGO_MANIFEST_DIR")).join("objects/slab.obj");
     let slab = Shape::bundled(&slab).clusters();
     let sample = TextureSample { amplitude_mm: 0.2, scale_mm: 1.5, angle_deg: 25.0, offset: [0.3, 0.8] };
-    let texture = Texture { relief: Arc::new(Relief::procedural(Procedural::Knurled)), sample, laid: None };
+    let texture = Texture { relief: Arc::new(Relief::procedural(Procedural::Knurled)), sample, placement: None };
     let shapes = [
         (GelShape::Dome(GelDome { radius_mm: 12.0 }), 5.0),
         (GelShape::Capsule(GelCapsule { radius_mm: 9.0, length_mm: 30.0 }), 14.0),
@@ -51,14 +51,14 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
         // The middle of its face.
         let posed = Pose { translation_mm: DVec3::new(0.4, -0.7, -0.9), ..posed };
         let pose = posed.within(axes, origin_mm);
-        let chart = Chart::around(&shape, shape.closest(origin_mm));
-        let plain = Normals::new(&shape, &view, 3).capture(&slab, &pose, &chart, window, 100.0);
+        let chart = Chart::around_site(&shape, shape.closest(origin_mm));
+        let plain = NormalCapture::new(&shape, &view, 3).capture(&slab, &pose, &chart, window, 100.0);
         let mut cut = plain.clone();
         let place = |node: [usize; 2]| view.point_mm(node.map(|at| at as f64 + 0.5 - 3.0));
-        let places = Places { chart: &chart, place: &place, pitch_mm: view.mm_per_px };
+        let places = ChartGrid { chart: &chart, position_mm: &place, spacing_mm: view.mm_per_px };
         gelsim_core::depth::texture::cut_along_normals(
             &texture,
-            &Posed { pose: &pose, plane: &plane },
+            &PosedObject { pose: &pose, plane: &plane },
             &places,
             window.above_mm,
             &mut cut,
@@ -72,7 +72,7 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
                     continue;
                 }
                 // The object's own point there, in the slab's place over the pad.
-                let rest = chart.rest(view.point_mm([x as f64 + 0.5 - 3.0, y as f64 + 0.5 - 3.0]));
+                let rest = chart.surface_frame(view.point_mm([x as f64 + 0.5 - 3.0, y as f64 + 0.5 - 3.0]));
                 let point = rest.point_mm - f64::from(before) * rest.normal;
                 let at = axes.transpose() * (point - origin_mm) - posed.translation_mm;
                 let expected = cut_mm(&texture, [at.x, at.y], 33.0, PITCH_MM);
@@ -91,21 +91,21 @@ fn a_pattern_lies_on_the_object_as_on_a_flat_pad() {
 fn what_no_relief_cuts_stays_as_it_is() {
     let shape = GelShape::Dome(GelDome { radius_mm: 12.0 });
     let view = View { resolution_px: [20, 20], mm_per_px: [0.4; 2] };
-    let ball = Shape::ball(4.0, 24, 12).clusters();
-    let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 3.5]);
+    let ball = Shape::ball_around_origin(4.0, 24, 12).clusters();
+    let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 3.5]);
     let (chart, plane) = (Chart::at_tip(&shape), PadPlane::default());
-    let window = Window { margin_px: 0, above_mm: 0.5 };
-    let plain = Normals::new(&shape, &view, 0).capture(&ball, &pose, &chart, window, 3.0);
+    let window = CaptureWindow { margin_px: 0, above_mm: 0.5 };
+    let plain = NormalCapture::new(&shape, &view, 0).capture(&ball, &pose, &chart, window, 3.0);
     let place = |node: [usize; 2]| view.point_mm(node.map(|at| at as f64 + 0.5));
-    let places = Places { chart: &chart, place: &place, pitch_mm: view.mm_per_px };
+    let places = ChartGrid { chart: &chart, position_mm: &place, spacing_mm: view.mm_per_px };
     for value in [0.0, -1.0, f64::NAN, 1e-320, 1e30, f64::INFINITY] {
         for other in [0.0, 1e-320, f64::NAN, 1e30] {
             let sample = TextureSample { amplitude_mm: value, scale_mm: other, angle_deg: other, offset: [other, 0.5] };
-            let texture = Texture { relief: Arc::new(Relief::procedural(Procedural::Noise)), sample, laid: None };
+            let texture = Texture { relief: Arc::new(Relief::procedural(Procedural::Noise)), sample, placement: None };
             let mut depth = plain.clone();
             gelsim_core::depth::texture::cut_along_normals(
                 &texture,
-                &Posed { pose: &pose, plane: &plane },
+                &PosedObject { pose: &pose, plane: &plane },
                 &places,
                 0.5,
                 &mut depth,
@@ -116,7 +116,7 @@ fn what_no_relief_cuts_stays_as_it_is() {
             }
         }
     }
-    assert!(plain.deepest_mm > 0.4);
+    assert!(plain.deepest_mm > 0.4, "{}", plain.deepest_mm);
 }
 
 #[test]
@@ -136,5 +136,5 @@ fn texture_on_a_dome_of_a_kilometre_is_that_of_a_flat_pad() {
     let depths = [&flat, &dome].map(|sample| sample.impression.depth_mm());
     let off = depths[0].iter().zip(&depths[1]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     println!("texture on a dome of a kilometre: depth within {:.3} um of the flat pad's", 1e3 * off);
-    assert!(off < 2e-4 && depths[0].iter().any(|mm| *mm > 0.3));
+    assert!(off < 2e-4 && depths[0].iter().any(|mm| *mm > 0.3), "{off}");
 }

@@ -21,7 +21,7 @@ pub fn rig(resolution: Resolution, friction: Option<Friction>) -> Rig {
 }
 
 /// How far the object of a row is below the undeformed pad at a distance from its axis, mm.
-fn overlap(row: &Value, r: f64) -> f64 {
+fn penetration(row: &Value, r: f64) -> f64 {
     let of = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key} of {row}"));
     let beside = |inside: bool, height: f64| if inside { of("depth_mm") - height } else { NOTHING };
     match row["object"].as_str() {
@@ -58,8 +58,8 @@ fn drop_mm(row: &Value, r: f64) -> f64 {
 
 pub fn press(rig: &Rig, row: &Value) -> Contact {
     let is_prism = row["geometry"] == "plane strain";
-    let overlap = |r: f64| overlap(row, r) - drop_mm(row, r);
-    rig.press(|x, y| overlap(if is_prism { x.abs() } else { x.hypot(y) }))
+    let penetration = |r: f64| penetration(row, r) - drop_mm(row, r);
+    rig.press(|x, y| penetration(if is_prism { x.abs() } else { x.hypot(y) }))
 }
 
 /// What the label states, um.

@@ -5,8 +5,8 @@ use gelsim_core::base::grid::{Grid, Resolution};
 use gelsim_core::effects::Requirement;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::Elastic;
-use gelsim_core::gelpad::elastic::inplane::{Field, InPlane};
-use gelsim_core::gelpad::elastic::shear::{Friction, Motion, Outcome, shear_from};
+use gelsim_core::gelpad::elastic::in_plane::{DisplacementField, InPlaneResponse};
+use gelsim_core::gelpad::elastic::shear::{Friction, Motion, ShearOutcome, solve_shear_from};
 use gelsim_job::sample::render;
 use serde_json::Value;
 
@@ -22,19 +22,19 @@ fn coulomb(coefficient: f64) -> Option<Friction> {
     Some(Friction::Coulomb { coefficient })
 }
 
-fn with(setup: Setup, friction: Option<Friction>) -> Rig {
+fn rig_with(setup: Setup, friction: Option<Friction>) -> Rig {
     Setup { elastic: Elastic { friction, ..setup.elastic }, ..setup }.rig()
 }
 
 /// How a press, and a motion after it, moved the surface in its own plane.
-fn moved(rig: &Rig, contact: &Contact, motion: Motion) -> (Field, Option<Outcome>) {
+fn moved(rig: &Rig, contact: &Contact, motion: Motion) -> (DisplacementField, Option<ShearOutcome>) {
     let setup = &rig.setup;
     let view = std::array::from_fn(|k| setup.resolution_px[k] as f64 * setup.mm_per_px[k]);
-    let in_plane = InPlane::new(setup.layer(), view, setup.mm_per_px);
+    let in_plane = InPlaneResponse::new(setup.layer(), view, setup.mm_per_px);
     let load = contact.load.as_ref().expect("a contact");
     let mut field = in_plane.under_pressure(load);
     let outcome = setup.elastic.friction.map(|friction| {
-        let (traction, outcome) = shear_from(setup.layer(), load, motion, friction, Some(&field));
+        let (traction, outcome) = solve_shear_from(setup.layer(), load, motion, friction, Some(&field));
         field.add(&in_plane.under_traction(&traction));
         outcome
     });
@@ -223,14 +223,14 @@ fn pressure_and_tractions_are_those_of_dense_matrices() {
             ..Setup::default()
         }
         .solved(Resolution::Full, 0.1);
-        let rig = with(setup, STICK);
+        let rig = rig_with(setup, STICK);
         // A slanted, uneven face: nothing is symmetric.
         let object = |x: f64, y: f64| {
             if x.abs() < 1.4 && y.abs() < 1.1 { 0.3 - 0.05 * x * x - 0.08 * x + 0.04 * y } else { NOTHING }
         };
         let depth = rig.depth(object);
         let contact = rig.pad.press(&depth);
-        let sliding = with(setup, None).pad.press(&depth);
+        let sliding = rig_with(setup, None).pad.press(&depth);
         let (margin, size) = (depth.margin_px, 16);
         let answers = Answers::new(&rig, size);
         let place = |k: usize| [k % size, k / size];
@@ -278,7 +278,7 @@ fn coulomb_s_law_lies_between_sliding_and_sticking() {
     let setup = Setup { resolution_px: [96, 96], mm_per_px: [0.1; 2], ..Setup::default() };
     let object = ball(4.0, 1.0);
     let pressed = |friction| {
-        let rig = with(setup, friction);
+        let rig = rig_with(setup, friction);
         let contact = rig.press(&object);
         let (field, outcome) = moved(&rig, &contact, Motion::default());
         (contact, field, outcome)
@@ -287,7 +287,7 @@ fn coulomb_s_law_lies_between_sliding_and_sticking() {
         let pairs = a.surface.data.iter().zip(&b.surface.data);
         1e3 * pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max)
     };
-    let inside = |field: &Field| rms((0..16).map(|k| f64::from(field.at([0.1 * f64::from(k), 0.0])[0])));
+    let inside = |field: &DisplacementField| rms((0..16).map(|k| f64::from(field.at([0.1 * f64::from(k), 0.0])[0])));
     let (slides, slides_field, _) = pressed(None);
     let (sticks, sticks_field, _) = pressed(STICK);
     let (none, none_field, _) = pressed(coulomb(0.0));
@@ -313,9 +313,9 @@ fn coulomb_s_law_lies_between_sliding_and_sticking() {
         (last, last_force) = (own, force);
         // No pixel holds more than its pressure lets it.
         let load = contact.load.as_ref().expect("a contact");
-        let field = InPlane::new(setup.layer(), [9.6; 2], setup.mm_per_px).under_pressure(load);
+        let field = InPlaneResponse::new(setup.layer(), [9.6; 2], setup.mm_per_px).under_pressure(load);
         let friction = Friction::Coulomb { coefficient };
-        let (traction, _) = shear_from(setup.layer(), load, Motion::default(), friction, Some(&field));
+        let (traction, _) = solve_shear_from(setup.layer(), load, Motion::default(), friction, Some(&field));
         let column = ((traction.origin_mm[0] - load.origin_mm[0]) / 0.1).round() as usize;
         let row = ((traction.origin_mm[1] - load.origin_mm[1]) / 0.1).round() as usize;
         assert_eq!(traction.mm_per_px, load.mm_per_px);
@@ -332,7 +332,7 @@ fn coulomb_s_law_lies_between_sliding_and_sticking() {
 
 #[test]
 fn a_press_and_the_motion_after_it_are_one() {
-    let rig = with(Setup { resolution_px: [96, 96], mm_per_px: [0.1; 2], ..Setup::default() }, STICK);
+    let rig = rig_with(Setup { resolution_px: [96, 96], mm_per_px: [0.1; 2], ..Setup::default() }, STICK);
     let contact = rig.press(ball(4.0, 1.0));
     let motion = Motion { shift_mm: [0.2, -0.1], twist_rad: 0.05, about_mm: [0.3, 0.0] };
     let (field, outcome) = moved(&rig, &contact, motion);
@@ -356,7 +356,7 @@ fn what_must_not_break() {
         for (h, nu) in [(3.0, 0.48), (0.05, 0.48), (0.4, 0.4999), (1000.0, 0.4999), (3.0, 0.0)] {
             for (resolution, friction) in [(Resolution::Full, STICK), (Resolution::Quarter, coulomb(0.5))] {
                 let setup = Setup { thickness_mm: h, poisson_ratio: nu, ..Setup::default() }.solved(resolution, 1.0);
-                let rig = with(setup, friction);
+                let rig = rig_with(setup, friction);
                 let deepest = 0.4 * h / 1.0_f64.max(0.4 * h);
                 let contact = rig.press(|x, y| object(x, y).min(deepest));
                 assert!(contact.finite && contact.surface.data.iter().all(|w| w.is_finite()), "{name}, h {h}, nu {nu}");
@@ -383,14 +383,14 @@ fn what_is_said_to_be_unseen_is() {
     for (name, object) in OBJECTS {
         for (h, nu) in [(3.0, 0.48), (3.0, 0.4999), (2.0, 0.45), (0.5, 0.48), (20.0, 0.3)] {
             for (tolerance_um, deep) in [(1.0, 0.02), (10.0, 0.02), (30.0, 0.1), (100.0, 0.3), (300.0, 1.0)] {
-                let rig = with(
+                let rig = rig_with(
                     Setup { thickness_mm: h, poisson_ratio: nu, ..Setup::default() }
                         .solved(Resolution::Full, tolerance_um),
                     STICK,
                 );
                 let depth = rig.depth(|x, y| object(x, y).min(deep * h));
                 let needed = matches!(rig.pad.friction_required(&depth, false), Requirement::Needed(_));
-                let drag = rig.pad.drag(&depth, None);
+                let drag = rig.pad.solve_friction(&depth, None);
                 assert!(needed || drag.is_none(), "{name}, h {h}, nu {nu}, {tolerance_um} um");
                 (unseen, seen) = (unseen + u32::from(!needed), seen + u32::from(drag.is_some()));
             }

@@ -6,24 +6,25 @@ use std::sync::Arc;
 use gelsim::{Fidelity, Impression, Indenter, PadPlane, Pose, Sensor, Simulator};
 use gelsim_core::base::chart::Chart;
 use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
-use gelsim_core::base::surface::unrolled::Unrolled;
-use gelsim_core::base::surface::{Surface, SurfaceError};
+use gelsim_core::base::gel_surface::geodesic_chart::GeodesicChart;
+use gelsim_core::base::gel_surface::{GelSurface, GelSurfaceError};
 use gelsim_core::base::view::View;
-use gelsim_core::camera::pins::Tip;
+use gelsim_core::camera::pins::PinTip;
 use gelsim_core::camera::projection::{LensModel, Pinhole};
-use gelsim_core::depth::Window;
-use gelsim_core::depth::normals::Normals;
+use gelsim_core::depth::CaptureWindow;
+use gelsim_core::depth::normal_capture::NormalCapture;
 use gelsim_core::mesh::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use glam::DVec3;
 
 use super::curved::first_met;
 use super::curved_sequences::{pushed, slide, wrench};
-use super::support::{Shape, bundled_objects};
+use super::support::bundled_objects;
+use crate::shapes::Shape;
 
 /// A surface that is round about z: `profile` gives the distance from the axis and the height, from the tip (0) to the rim (1).
 fn turned(meridians: usize, rings: usize, profile: impl Fn(f64) -> [f64; 2]) -> Shape {
-    Shape::sheet(meridians, rings, |i, j| {
+    Shape::crossed_sheet(meridians, rings, |i, j| {
         let [away, z] = profile(j as f64 / rings as f64);
         let azimuth = std::f64::consts::TAU * (i % meridians) as f64 / meridians as f64;
         [away * azimuth.cos(), away * azimuth.sin(), z]
@@ -51,11 +52,11 @@ fn surface(shape: Shape) -> GelShape {
     let (mesh, _) = Mesh::new(shape.vertices, shape.triangles).expect("a mesh");
     let centre = DVec3::from_array(mesh.centre_mm);
     let points = mesh.vertices.iter().map(|vertex| DVec3::from_array(vertex.map(f64::from)) + centre).collect();
-    GelShape::Mesh(Arc::new(Surface::new(points, mesh.triangles).expect("a gel's surface")))
+    GelShape::Mesh(Arc::new(GelSurface::new(points, mesh.triangles).expect("a gel's surface")))
 }
 
 fn ball(radius_mm: f64) -> Arc<Clusters> {
-    Arc::new(Shape::ball(radius_mm, 192, 96).clusters())
+    Arc::new(Shape::ball_around_origin(radius_mm, 192, 96).clusters())
 }
 
 /// A lit gel without noise.
@@ -71,7 +72,7 @@ fn sensor(shape: GelShape, px: [usize; 2], behind_mm: f64, fov_deg: f64) -> Sens
 
 fn press(simulator: &Simulator, like: &GelShape, ball_mm: f64, depth_mm: f64, at: [f64; 2]) -> Impression {
     let (axes, origin_mm) = like.frame_at(at[0], at[1]);
-    let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, ball_mm - depth_mm]).within(axes, origin_mm);
+    let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, ball_mm - depth_mm]).within(axes, origin_mm);
     simulator.press(&Indenter::clusters(ball(ball_mm), pose))
 }
 
@@ -118,7 +119,10 @@ fn compare(
     println!(
         "{name}: points {apart_um:.1} um, normals {normals_deg:.3} degrees apart at most, {lost} pixels see one gel alone"
     );
-    assert!(apart_um < most.sites_um && normals_deg < most.normals_deg && lost == 0);
+    assert!(
+        apart_um < most.sites_um && normals_deg < most.normals_deg && lost == 0,
+        "{apart_um} um, {normals_deg} degrees, {lost} lost"
+    );
     let near = [[5.0, 0.0, -15.0], [-3.0, 4.0, -16.0], [-3.0, -4.0, -14.0]];
     for (lit, positions) in [("inside", near.map(Some)), ("at the rim", [None; 3])] {
         let simulators = sensors.each_ref().map(|sensor| {
@@ -139,9 +143,12 @@ fn compare(
             println!(
                 "  {at:?}: depth {depth_um:.2} um, force {share:.5}, {largest} levels, {all_but_few} but for a thousandth, {mean:.3} on average"
             );
-            assert!(depth_um < most.depth_um && (share - 1.0).abs() < most.force);
+            assert!(
+                depth_um < most.depth_um && (share - 1.0).abs() < most.force,
+                "{depth_um} um, {share} of the force"
+            );
             let levels = if lit == "inside" { (6, 0.1) } else { (20, 1.0) };
-            assert!(all_but_few <= levels.0 && mean < levels.1);
+            assert!(all_but_few <= levels.0 && mean < levels.1, "{all_but_few} levels, {mean} on average");
         }
     }
 }
@@ -207,7 +214,10 @@ fn a_slide_over_a_mesh_is_that_over_the_same_gel_by_formula() {
                      motion {flow_um:.1} um but for a thousandth",
                     100.0 * force
                 );
-                assert!(force < 0.03 && sticks < 0.1 && flow_um < 30.0);
+                assert!(
+                    force < 0.03 && sticks < 0.1 && flow_um < 30.0,
+                    "force {force}, sticking {sticks}, {flow_um} um"
+                );
                 let [last, _] = wrench(b.last().expect("frames"));
                 let last = axes.transpose() * last;
                 assert!(last.truncate().length() > 0.1 * last.z.abs(), "it is pulled: {last}");
@@ -221,7 +231,7 @@ fn a_slide_over_a_mesh_is_that_over_the_same_gel_by_formula() {
 fn a_flat_mesh_is_a_flat_pad() {
     let mut flat = Sensor::preset("gelsight-2014").expect("a preset").with_resolution([96, 72]);
     flat.camera.read_noise_levels = 0.0;
-    let sheet = Shape::sheet(4, 3, |i, j| [20.0 * i as f64 - 40.0, 20.0 * j as f64 - 30.0, 0.0]);
+    let sheet = Shape::crossed_sheet(4, 3, |i, j| [20.0 * i as f64 - 40.0, 20.0 * j as f64 - 30.0, 0.0]);
     let mut shaped = flat.clone();
     shaped.shape = Some(surface(sheet));
     shaped.lens = LensModel::Orthographic;
@@ -229,13 +239,13 @@ fn a_flat_mesh_is_a_flat_pad() {
     let (view, other) = (simulators[0].view(), simulators[1].view());
     assert!((0..2).all(|k| (view.mm_per_px[k] / other.mm_per_px[k] - 1.0).abs() < 1e-9), "{view:?} {other:?}");
     for [x, y] in [[0.0, 0.0], [4.3, -3.1]] {
-        let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [x, y, 4.0 - 0.6]);
+        let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [x, y, 4.0 - 0.6]);
         let [a, b] = simulators.each_ref().map(|simulator| simulator.press(&Indenter::clusters(ball(4.0), pose)));
         let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let surface_um = 1e3 * largest(&a.contact.surface.data, &b.contact.surface.data);
         let share = b.contact.force_n.expect("an elastic pad") / a.contact.force_n.expect("an elastic pad");
         println!("a flat mesh at {x} {y}: surface {surface_um:.2} um, force {share:.6}");
-        assert!(surface_um < 0.5 && (share - 1.0).abs() < 1e-3);
+        assert!(surface_um < 0.5 && (share - 1.0).abs() < 1e-3, "{surface_um} um, {share} of the force");
     }
 }
 
@@ -245,25 +255,25 @@ fn capture_on_a_mesh_is_what_rays_meet() {
     let shape = surface(capsule(9.0, 24.0, 40, 40));
     let view = View { resolution_px: [48, 40], mm_per_px: [0.3, 0.35] };
     let GelShape::Mesh(skin) = &shape else { panic!("a mesh") };
-    let nodes = Normals::new(&shape, &view, 4);
-    let window = Window { above_mm: 0.4, margin_px: 4 };
+    let nodes = NormalCapture::new(&shape, &view, 4);
+    let window = CaptureWindow { above_mm: 0.4, margin_px: 4 };
     let (mut compared, mut met, mut worst_um) = (0, 0, 0.0_f64);
     for path in bundled_objects().into_iter().step_by(4) {
         let object = Shape::bundled(&path).clusters();
         for (from_tip_mm, around_deg) in [(0.0, 0.0), (11.0, 70.0), (19.0, 200.0)] {
             let (axes, origin_mm) = shape.frame_at(from_tip_mm, around_deg);
             let up = DVec3::from_array(object.centre_mm()).z;
-            let pose = Pose::placed([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.5 - up]).within(axes, origin_mm);
+            let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.5 - up]).within(axes, origin_mm);
             let chart = match from_tip_mm == 0.0 {
                 true => Chart::at_tip(&shape),
-                false => Chart::unrolled(Arc::new(Unrolled::around(skin, origin_mm, 16.0))),
+                false => Chart::from_geodesics(Arc::new(GeodesicChart::around_point(skin, origin_mm, 16.0))),
             };
             let depth = nodes.capture(&object, &pose, &chart, window, 1.0);
             let geodesics = chart.geodesics().expect("a mesh's");
             for number in (0..56 * 48).step_by(37) {
                 let (x, y) = (number % 56, number / 56);
                 let at = view.point_mm([x as f64 - 3.5, y as f64 - 3.5]);
-                let rest = chart.rest(at);
+                let rest = chart.surface_frame(at);
                 let from = rest.point_mm - 2.0 * rest.normal;
                 let ray = first_met(&object, &pose, from, rest.normal).map_or(0.4, |t| (t - 2.0).min(0.4));
                 let expected = if geodesics.is_on_gel(at, 0.0) { ray.max(-1.0) } else { 0.4 };
@@ -275,7 +285,7 @@ fn capture_on_a_mesh_is_what_rays_meet() {
         }
     }
     println!("rays: {compared} normals, {met} of them met something, {worst_um:.3} um apart at most");
-    assert!(worst_um < 0.5 && met > compared / 20);
+    assert!(worst_um < 0.5 && met > compared / 20, "{worst_um} um, {met} of {compared}");
 }
 
 #[test]
@@ -287,17 +297,17 @@ fn pins_of_a_mesh_rest_where_those_of_the_dome_do() {
         pins.at_rest(sensor.shape.as_ref().expect("it has one"), &sensor.projection())
     };
     let [exact, mesh] = [GelShape::Dome(GelDome { radius_mm: 20.0 }), surface(dome(20.0, 160, 60))].map(at_rest);
-    let apart = |(a, b): (&Tip, &Tip)| a.at_mm.distance(b.at_mm);
+    let apart = |(a, b): (&PinTip, &PinTip)| a.at_mm.distance(b.at_mm);
     let worst_um = 1e3 * exact.iter().zip(&mesh).map(apart).fold(0.0, f64::max);
     println!("{} pins at rest {worst_um:.2} um apart at most", exact.len());
-    assert!(exact.len() == mesh.len() && worst_um < 20.0);
+    assert!(exact.len() == mesh.len() && worst_um < 20.0, "{} and {} pins, {worst_um} um", exact.len(), mesh.len());
 }
 
 #[test]
 fn what_is_no_gel_is_refused_and_sharp_edges_are_counted() {
     let made = |shape: Shape| {
         let points = shape.vertices.into_iter().map(DVec3::from_array).collect();
-        Surface::new(points, shape.triangles)
+        GelSurface::new(points, shape.triangles)
     };
     let cap = dome(5.0, 24, 8);
     let beside = cap.map(|[x, y, z]| [x + 30.0, y, z]);
@@ -308,16 +318,16 @@ fn what_is_no_gel_is_refused_and_sharp_edges_are_counted() {
         let point = |vertex: &[f32; 3]| (DVec3::from_array(vertex.map(f64::from)) + centre).to_array();
         Shape { vertices: mesh.vertices.iter().map(point).collect(), triangles: mesh.triangles }
     };
-    assert!(matches!(made(joined(&beside)), Err(SurfaceError::NoTip(..))));
+    assert!(matches!(made(joined(&beside)), Err(GelSurfaceError::NoTip(..))));
     assert!(
-        matches!(made(joined(&cap.map(|[x, y, z]| [x, y, z + 1.0]))), Err(SurfaceError::TipElsewhere(z)) if (z - 1.0).abs() < 1e-6)
+        matches!(made(joined(&cap.map(|[x, y, z]| [x, y, z + 1.0]))), Err(GelSurfaceError::TipElsewhere(z)) if (z - 1.0).abs() < 1e-6)
     );
     let mut two = joined(&cap);
     let more = joined(&beside);
     let count = two.vertices.len() as u32;
     two.vertices.extend(more.vertices);
     two.triangles.extend(more.triangles.iter().map(|corners| corners.map(|corner| corner + count)));
-    assert!(matches!(made(two), Err(SurfaceError::Pieces { count: 2, .. })));
+    assert!(matches!(made(two), Err(GelSurfaceError::Pieces { count: 2, .. })));
     // A box: its bottom is no part of it, its edges stay sharp, and its top is flat to them.
     let mut cube = joined(&Shape::soup([
         [[-5.0, -4.0, 0.0], [5.0, -4.0, 0.0], [5.0, 4.0, 0.0]],

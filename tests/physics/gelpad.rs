@@ -5,7 +5,8 @@ use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::mean_blur::MeanBlur;
 
-use super::support::{Random, blur_without_dispatch, depth_of, margin_of, press};
+use super::support::{blur_without_dispatch, depth_of, margin_of, press};
+use crate::shapes::Random;
 
 const BLURS: [MeanBlur; 4] = [
     MeanBlur { kernel_px: 15, passes: 5 },
@@ -26,7 +27,7 @@ fn grid(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Gri
 
 /// Scattered rough lumps: some far from each other, some across every border.
 fn lumps(width: usize, height: usize, count: usize, seed: u64) -> Grid<f32> {
-    let mut random = Random::new(seed);
+    let mut random = Random(seed);
     let mut lumps = Vec::new();
     for _ in 0..count {
         let centre = [random.within(0.0, width as f64), random.within(0.0, height as f64)];
@@ -74,9 +75,9 @@ fn the_margin_is_no_wider_than_the_blur_needs() {
     // One lump at the outermost corner of the margin still reaches the border of the view.
     let blur = MeanBlur::default();
     let margin = margin_of(blur);
-    let mut overlap = grid(40 + 2 * margin, 30 + 2 * margin, |_, _| 0.0);
-    overlap.row_mut(margin + 15)[0] = 2.0;
-    let contact = press(blur, &depth_of(overlap, margin));
+    let mut penetration = grid(40 + 2 * margin, 30 + 2 * margin, |_, _| 0.0);
+    penetration.row_mut(margin + 15)[0] = 2.0;
+    let contact = press(blur, &depth_of(penetration, margin));
     let reached = contact.surface.at(0, 15 + SURFACE_BORDER);
     assert!(reached > 0.0, "a margin of {margin} px is more than it takes");
 }
@@ -86,9 +87,9 @@ fn the_surface_is_exactly_zero_outside_its_region_and_the_region_is_tight() {
     for blur in BLURS {
         for seed in 0..12 {
             let margin = margin_of(blur);
-            let overlap = lumps(90 + 2 * margin, 60 + 2 * margin, 1 + seed as usize % 3, 100 + seed);
-            let touching = bounding_box(&overlap, |mm| mm > 0.0);
-            let contact = press(blur, &depth_of(overlap, margin));
+            let penetration = lumps(90 + 2 * margin, 60 + 2 * margin, 1 + seed as usize % 3, 100 + seed);
+            let touching = bounding_box(&penetration, |mm| mm > 0.0);
+            let contact = press(blur, &depth_of(penetration, margin));
             let (surface, region) = (&contact.surface, contact.region);
             for y in 0..surface.height {
                 for x in 0..surface.width {
@@ -99,7 +100,7 @@ fn the_surface_is_exactly_zero_outside_its_region_and_the_region_is_tight() {
             // Not wider than the lumps' box and the reach of the blur, counted in the surface's pixels.
             let corner = margin - SURFACE_BORDER;
             let reach = touching.grown(blur.reach_px(), 90 + 2 * margin, 60 + 2 * margin);
-            let allowed = reach.seen_from(corner, corner, surface.width, surface.height);
+            let allowed = reach.in_window(corner, corner, surface.width, surface.height);
             assert!(region.is_empty() || allowed.x0 <= region.x0 && region.x1 <= allowed.x1, "{region:?} {allowed:?}");
             assert!(region.is_empty() || allowed.y0 <= region.y0 && region.y1 <= allowed.y1, "{region:?} {allowed:?}");
         }
@@ -123,12 +124,12 @@ fn a_symmetric_object_gives_a_symmetric_surface() {
         let size = 60 + 2 * margin;
         let middle = (size - 1) as f32 / 2.0;
         // Symmetric under every quarter turn and mirror, sharp-edged, and lumpy.
-        let overlap = grid(size, size, |x, y| {
+        let penetration = grid(size, size, |x, y| {
             let (u, v) = ((x as f32 - middle).abs(), (y as f32 - middle).abs());
             let (long, short) = (u.max(v), u.min(v));
             if long < 18.0 && short < 11.0 { 1.3 - 0.002 * long * short } else { 0.0 }
         });
-        let surface = press(blur, &depth_of(overlap, margin)).surface;
+        let surface = press(blur, &depth_of(penetration, margin)).surface;
         let last = surface.width - 1;
         let mut largest = 0.0_f32;
         for y in 0..surface.height {
@@ -147,15 +148,18 @@ fn a_symmetric_object_gives_a_symmetric_surface() {
 fn the_surface_lies_between_the_object_and_its_deepest_point() {
     for blur in BLURS {
         let margin = margin_of(blur);
-        let overlap = lumps(70 + 2 * margin, 50 + 2 * margin, 9, 7);
-        let deepest = overlap.data.iter().fold(0.0_f32, |max, mm| max.max(*mm));
-        let contact = press(blur, &depth_of(overlap.clone(), margin));
+        let penetration = lumps(70 + 2 * margin, 50 + 2 * margin, 9, 7);
+        let deepest = penetration.data.iter().fold(0.0_f32, |max, mm| max.max(*mm));
+        let contact = press(blur, &depth_of(penetration.clone(), margin));
         let mut touching = 0;
         for y in 0..50 {
             for x in 0..70 {
                 let surface = contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
-                let object = overlap.at(x + margin, y + margin);
-                assert!(surface >= object && surface <= deepest * (1.0 + 1e-6));
+                let object = penetration.at(x + margin, y + margin);
+                assert!(
+                    surface >= object && surface <= deepest * (1.0 + 1e-6),
+                    "{surface} at {x}, {y}: object {object}, deepest {deepest}"
+                );
                 // Closer than a micrometre is touching.
                 let touches = object > 0.0 && surface - object <= 1e-3;
                 assert_eq!(contact.mask.at(x, y), if touches { 255 } else { 0 });
@@ -187,12 +191,12 @@ fn a_flat_face_touches_everywhere_under_it_whatever_the_rounding() {
 fn wide_instructions_change_no_bit() {
     for blur in BLURS {
         let margin = margin_of(blur);
-        let overlap = lumps(70 + 2 * margin, 50 + 2 * margin, 15, 8);
-        let contact = press(blur, &depth_of(overlap.clone(), margin));
-        let blurred = blur_without_dispatch(&overlap, blur);
+        let penetration = lumps(70 + 2 * margin, 50 + 2 * margin, 15, 8);
+        let contact = press(blur, &depth_of(penetration.clone(), margin));
+        let blurred = blur_without_dispatch(&penetration, blur);
         for y in 0..50 {
             for x in 0..70 {
-                let expected = blurred.at(x + margin, y + margin).max(overlap.at(x + margin, y + margin));
+                let expected = blurred.at(x + margin, y + margin).max(penetration.at(x + margin, y + margin));
                 let found = contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER);
                 assert_eq!(found.to_bits(), expected.to_bits(), "{blur:?} at {x}, {y}");
             }

@@ -5,7 +5,7 @@ use gelsim_core::base::grid::Resolution;
 
 use super::rig::{NOTHING, Rig, Setup};
 
-/// Distance from the edge of the part that touches, mm, positive outside, and the overlap.
+/// Distance from the edge of the part that touches, mm, positive outside, and the penetration.
 type Object = (&'static str, fn(f64, f64) -> f64, fn(f64, f64) -> f64);
 
 const OBJECTS: [Object; 3] = [
@@ -65,7 +65,7 @@ fn ring(coarse: &Grid<f32>, fine: &Grid<f32>, edge: fn(f64, f64) -> f64) -> [f64
             }
         }
     }
-    assert!(count > 100);
+    assert!(count > 100, "{count} pixels");
     [(sum / f64::from(count)).sqrt(), worst]
 }
 
@@ -76,7 +76,7 @@ fn finer_pixels_converge_to_one_surface() {
     for ((name, edge, object), bounds) in OBJECTS.into_iter().zip([[0.4, 0.2, 0.06], [4.0, 2.5, 1.0], [6.0, 2.0, 1.0]])
     {
         let fine = finest.press(object);
-        assert!(fine.numerics.converged);
+        assert!(fine.numerics.converged, "{name}: {:?}", fine.numerics);
         let touching = fine.mask.data.iter().filter(|value| **value == 255).count();
         println!("grid, {name}: {} mm^2 touch", touching as f64 * (10.0_f64 / 640.0).powi(2));
         for (size, bound) in [80, 160, 320].into_iter().zip(bounds) {

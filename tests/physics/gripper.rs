@@ -67,7 +67,7 @@ fn the_force_that_a_search_presses_with_is_the_presss_to_the_bit() {
         for index in 0..4 {
             let scene = Scene::draw(&plan, index, 0).at_depth(0.3 + 0.2 * index as f64);
             let simulator = scene.simulator(&plan);
-            let press = scene.press(&plan);
+            let press = scene.to_press(&plan);
             let contact = simulator.press_with(&press).contact;
             assert_eq!(simulator.total_force_n(&press), contact.total.total_force_n, "{object} {index}");
             assert!(contact.total.total_force_n.is_some());

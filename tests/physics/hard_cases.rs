@@ -1,12 +1,12 @@
-//! What must not break the elastic pad: any overlap on any grid, any pad.
+//! What must not break the elastic pad: any penetration on any grid, any pad.
 
 use gelsim_core::base::grid::Resolution;
 use proptest::prelude::*;
 
 use super::rig::{NOTHING, RESOLUTIONS, Setup};
-use super::support::Random;
+use crate::shapes::Random;
 
-/// Kinds of overlap, in units of its depth, by column and row of a window.
+/// Kinds of penetration, in units of its depth, by column and row of a window.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Bumps,
@@ -38,7 +38,7 @@ const KINDS: [Kind; 10] = [
 ];
 
 fn penetration(kind: Kind, size: [usize; 2], margin: usize, seed: u64) -> Vec<f64> {
-    let mut random = Random::new(seed);
+    let mut random = Random(seed);
     let (width, height) = (size[0] + 2 * margin, size[1] + 2 * margin);
     let bumps: Vec<[f64; 4]> = (0..5)
         .map(|_| {
@@ -170,7 +170,7 @@ proptest! {
     })]
 
     #[test]
-    fn any_overlap_on_any_grid_in_any_pad_is_solved((setup, deep) in setups(), kind in 0..KINDS.len(), seed: u64) {
+    fn any_penetration_on_any_grid_in_any_pad_is_solved((setup, deep) in setups(), kind in 0..KINDS.len(), seed: u64) {
         if let Err(text) = check(setup, KINDS[kind], deep, seed) {
             prop_assert!(false, "{}", text);
         }
@@ -178,7 +178,7 @@ proptest! {
 }
 
 #[test]
-fn every_kind_of_overlap_is_solved_on_the_smallest_and_the_thinnest_grids() {
+fn every_kind_of_penetration_is_solved_on_the_smallest_and_the_thinnest_grids() {
     let mut most = 0;
     for kind in KINDS {
         for resolution_px in [[1, 1], [2, 2], [3, 4], [5, 1], [1, 97], [37, 41]] {

@@ -6,14 +6,14 @@ use std::f64::consts::TAU;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::simd::scalar_only;
 use gelsim_core::gelpad::elastic::fft::fast_length;
-use gelsim_core::gelpad::elastic::inplane::{Field, InPlane, Load, Traction};
+use gelsim_core::gelpad::elastic::in_plane::{DisplacementField, InPlaneResponse, Load, TractionField};
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
-use gelsim_core::gelpad::elastic::shear::{Friction, Motion, Outcome, shear};
+use gelsim_core::gelpad::elastic::shear::{Friction, Motion, ShearOutcome, solve_shear};
 use nalgebra::Complex;
 
 use super::rig::Setup;
-use super::support::Random;
 use crate::oracle::fourier::Fourier;
+use crate::shapes::Random;
 
 const VIEW_MM: [f64; 2] = [20.0, 15.0];
 
@@ -28,15 +28,15 @@ fn setup(h: f64, nu: f64) -> Setup {
     }
 }
 
-fn inplane(setup: &Setup) -> InPlane {
+fn inplane(setup: &Setup) -> InPlaneResponse {
     let view = std::array::from_fn(|k| setup.resolution_px[k] as f64 * setup.mm_per_px[k]);
-    InPlane::new(setup.layer(), view, setup.mm_per_px)
+    InPlaneResponse::new(setup.layer(), view, setup.mm_per_px)
 }
 
 /// The pressure in view under an object.
-fn pressed(setup: &Setup, overlap: impl Fn(f64, f64) -> f64) -> Load {
+fn pressed(setup: &Setup, penetration: impl Fn(f64, f64) -> f64) -> Load {
     let rig = setup.rig();
-    let contact = rig.pad.press(&rig.depth(overlap));
+    let contact = rig.pad.press(&rig.depth(penetration));
     let mut pressure = contact.pressure.expect("the pad knows pressures");
     pressure.data.iter_mut().for_each(|p| *p /= setup.youngs_modulus_kpa as f32);
     let origin_mm = std::array::from_fn(|k| 0.5 * (1.0 - setup.resolution_px[k] as f64) * setup.mm_per_px[k]);
@@ -107,9 +107,12 @@ pub fn oracle(layer: ElasticLayer, load: [&Grid<f32>; 3], mm_per_px: [f64; 2], r
             let length = q[0].hypot(q[1]);
             let unit = q.map(|part| if length > 0.0 { part / length } else { 0.0 });
             let highest = [2 * x == size[0], 2 * y == size[1]];
-            let coupling = layer.coupling(length);
-            let (along, across) =
-                if pulled { (layer.tangential(length), layer.transverse(length)) } else { (0.0, 0.0) };
+            let coupling = layer.coupling_compliance(length);
+            let (along, across) = if pulled {
+                (layer.tangential_compliance(length), layer.transverse_compliance(length))
+            } else {
+                (0.0, 0.0)
+            };
             let at = y * size[0] + x;
             let [u, v] = [0, 1].map(|axis| {
                 let coupling = if highest[axis] { 0.0 } else { unit[axis] * coupling };
@@ -139,7 +142,7 @@ fn centre(origin_mm: [f64; 2], mm_per_px: [f64; 2], x: usize, y: usize) -> [f64;
 }
 
 /// Differences at the load's pixels in um: root of the mean square, the largest, and the largest displacement.
-fn compared(field: &Field, origin_mm: [f64; 2], mm_per_px: [f64; 2], truth: &[Grid<f64>; 2]) -> [f64; 3] {
+fn errors_um(field: &DisplacementField, origin_mm: [f64; 2], mm_per_px: [f64; 2], truth: &[Grid<f64>; 2]) -> [f64; 3] {
     let (mut sum, mut worst, mut most) = (0.0, 0.0_f64, 0.0_f64);
     let Grid { width, height, .. } = truth[0];
     for y in 0..height {
@@ -154,7 +157,7 @@ fn compared(field: &Field, origin_mm: [f64; 2], mm_per_px: [f64; 2], truth: &[Gr
     [(sum / (width * height) as f64).sqrt(), worst, most].map(|mm| 1e3 * mm)
 }
 
-fn largest(field: &Field) -> f64 {
+fn largest(field: &DisplacementField) -> f64 {
     field.x.data.iter().zip(&field.y.data).fold(0.0, |most, (u, v)| f64::from(u.hypot(*v)).max(most))
 }
 
@@ -172,13 +175,13 @@ fn load(width: usize, height: usize, mm_per_px: [f64; 2], pressure: impl Fn(f64,
 }
 
 /// A load that pulls only.
-fn pull(load: &Load, direction: [f32; 2]) -> Traction {
+fn pull(load: &Load, direction: [f32; 2]) -> TractionField {
     let [x, y] = direction.map(|part| {
         let mut grid = load.pressure.clone();
         grid.data.iter_mut().for_each(|value| *value *= part);
         grid
     });
-    Traction { x, y, origin_mm: load.origin_mm, mm_per_px: load.mm_per_px }
+    TractionField { x, y, origin_mm: load.origin_mm, mm_per_px: load.mm_per_px }
 }
 
 fn disc(radius: f64, value: f64) -> impl Fn(f64, f64) -> f64 {
@@ -203,7 +206,7 @@ fn displacement_under_pressure_agrees_with_a_fine_grid() {
         for (name, load) in loads {
             let nothing = Grid::new(load.pressure.width, load.pressure.height);
             let truth = oracle(setup.layer(), [&load.pressure, &nothing, &nothing], load.mm_per_px, 12.0 * h);
-            let [rms, worst, most] = compared(&inplane.under_pressure(&load), load.origin_mm, load.mm_per_px, &truth);
+            let [rms, worst, most] = errors_um(&inplane.under_pressure(&load), load.origin_mm, load.mm_per_px, &truth);
             println!("in plane: h {h}, nu {nu}, {name}: {rms:.3} um RMS, {worst:.2} largest, of {most:.1} um");
             assert!(rms < 0.6 && worst < 10.0 && most > 5.0, "{name}: {rms}, {worst}, {most}");
         }
@@ -220,7 +223,7 @@ fn displacement_under_tractions_agrees_with_a_fine_grid() {
         let nothing = Grid::new(320, 240);
         let truth = oracle(setup.layer(), [&nothing, &traction.x, &traction.y], mm_per_px, 12.0 * h);
         let field = inplane(&setup).under_traction(&traction);
-        let [rms, worst, most] = compared(&field, load.origin_mm, mm_per_px, &truth);
+        let [rms, worst, most] = errors_um(&field, load.origin_mm, mm_per_px, &truth);
         println!("in plane: h {h}, nu {nu}, pulled: {rms:.3} um RMS, {worst:.2} largest, of {most:.1} um");
         assert!(rms < 0.6 && worst < 4.0 && most > 100.0, "{rms}, {worst}, {most}");
     }
@@ -261,7 +264,7 @@ fn around_a_point_a_half_space_moves_inward_and_a_thin_incompressible_layer_outw
     let point = load(5, 5, mm_per_px, |x, y| disc(0.01, 1.0)(x, y));
     let force = 0.05 * 0.05;
     for nu in [0.0, 0.2, 0.4] {
-        let thick = InPlane::new(ElasticLayer { thickness_mm: 60.0, poisson_ratio: nu }, [10.0; 2], mm_per_px);
+        let thick = InPlaneResponse::new(ElasticLayer { thickness_mm: 60.0, poisson_ratio: nu }, [10.0; 2], mm_per_px);
         let field = thick.under_pressure(&point);
         for r in [1.0, 2.0] {
             let expected = -(1.0 - 2.0 * nu) * (1.0 + nu) * force / (TAU * r);
@@ -270,14 +273,15 @@ fn around_a_point_a_half_space_moves_inward_and_a_thin_incompressible_layer_outw
             assert!((found / expected - 1.0).abs() < 0.03, "nu {nu}, r {r}: {found}, {expected}");
         }
     }
-    let thin = InPlane::new(ElasticLayer { thickness_mm: 1.0, poisson_ratio: 0.4999 }, [10.0; 2], mm_per_px);
+    let thin = InPlaneResponse::new(ElasticLayer { thickness_mm: 1.0, poisson_ratio: 0.4999 }, [10.0; 2], mm_per_px);
     assert!(thin.under_pressure(&point).at([0.0, 1.0])[1] > 0.0);
 }
 
 #[test]
 fn a_wide_even_traction_shears_the_layer_as_a_block() {
     for (h, nu) in [(0.5, 0.48), (0.5, 0.1), (1.0, 0.4999)] {
-        let inplane = InPlane::new(ElasticLayer { thickness_mm: h, poisson_ratio: nu }, [20.0, 15.0], [0.05; 2]);
+        let inplane =
+            InPlaneResponse::new(ElasticLayer { thickness_mm: h, poisson_ratio: nu }, [20.0, 15.0], [0.05; 2]);
         let wide = load(400, 300, [0.05; 2], |_, _| 0.01);
         let [u, v] = inplane.under_traction(&pull(&wide, [1.0, -2.0])).at([0.1, 0.2]);
         let expected = 0.01 * h * 2.0 * (1.0 + nu);
@@ -287,13 +291,13 @@ fn a_wide_even_traction_shears_the_layer_as_a_block() {
 }
 
 fn noise(seed: u64, width: usize, height: usize, mm_per_px: [f64; 2]) -> Load {
-    let mut random = Random::new(seed);
+    let mut random = Random(seed);
     let mut load = load(width, height, mm_per_px, |_, _| 0.0);
     load.pressure.data.iter_mut().for_each(|p| *p = (random.unit() - 0.3).max(0.0) as f32);
     load
 }
 
-fn apart(a: &Field, b: &Field) -> f64 {
+fn largest_difference(a: &DisplacementField, b: &DisplacementField) -> f64 {
     let off =
         |a: &Grid<f32>, b: &Grid<f32>| a.data.iter().zip(&b.data).fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
     f64::from(off(&a.x, &b.x).max(off(&a.y, &b.y)))
@@ -302,7 +306,7 @@ fn apart(a: &Field, b: &Field) -> f64 {
 #[test]
 fn displacement_is_linear_continuous_and_symmetric() {
     let layer = ElasticLayer { thickness_mm: 2.0, poisson_ratio: 0.48 };
-    let inplane = InPlane::new(layer, [8.0; 2], [0.05; 2]);
+    let inplane = InPlaneResponse::new(layer, [8.0; 2], [0.05; 2]);
     let load = noise(5, 60, 60, [0.05; 2]);
     let field = inplane.under_pressure(&load);
     let size = largest(&field);
@@ -316,10 +320,10 @@ fn displacement_is_linear_continuous_and_symmetric() {
         load.pressure.data.iter_mut().for_each(|p| *p *= 2.0);
         load
     });
-    assert!(apart(&twice, &doubled) <= 1e-6 * size, "{}", apart(&twice, &doubled));
+    assert!(largest_difference(&twice, &doubled) <= 1e-6 * size, "{}", largest_difference(&twice, &doubled));
 
     let moved = changed(&|load| Load { origin_mm: load.origin_mm.map(|mm| mm + 1e-6), ..load.clone() });
-    assert!(apart(&field, &moved) < 1e-5 * size, "{} of {size}", apart(&field, &moved));
+    assert!(largest_difference(&field, &moved) < 1e-5 * size, "{} of {size}", largest_difference(&field, &moved));
 
     let mapped = |from: &dyn Fn(usize, usize) -> (usize, usize)| {
         changed(&|load| {
@@ -346,7 +350,7 @@ fn displacement_is_linear_continuous_and_symmetric() {
 
 #[test]
 fn an_interpolated_field_is_continuous_and_goes_on_beyond_its_border() {
-    let field = InPlane::new(ElasticLayer { thickness_mm: 2.0, poisson_ratio: 0.48 }, [8.0, 6.0], [0.05; 2])
+    let field = InPlaneResponse::new(ElasticLayer { thickness_mm: 2.0, poisson_ratio: 0.48 }, [8.0, 6.0], [0.05; 2])
         .under_pressure(&noise(6, 80, 60, [0.05; 2]));
     let size = largest(&field) as f32;
     for k in 0..400 {
@@ -355,12 +359,12 @@ fn an_interpolated_field_is_continuous_and_goes_on_beyond_its_border() {
         assert!((u - next_u).abs().max((v - next_v).abs()) < 1e-5 * size, "{point:?}");
     }
     for k in [2, 7, 20] {
-        let place = centre(field.origin_mm, [field.pitch_mm; 2], k, k);
+        let place = centre(field.origin_mm, [field.spacing_mm; 2], k, k);
         let off = (field.at(place)[0] - field.x.at(k, k)).abs().max((field.at(place)[1] - field.y.at(k, k)).abs());
         assert!(off < 1e-5 * size, "{off}");
     }
     assert_eq!(field.at([100.0, 0.0]), field.at([1000.0, 0.0]));
-    let corner = centre(field.origin_mm, [field.pitch_mm; 2], 1, 1);
+    let corner = centre(field.origin_mm, [field.spacing_mm; 2], 1, 1);
     assert!(corner[0] < -4.0 && corner[1] < -3.0, "the field ends in view");
 }
 
@@ -370,7 +374,7 @@ fn hard_inputs_give_numbers() {
     for h in [0.05, 3.0, 1000.0] {
         for (size, pitch) in [([1, 1], [0.03; 2]), ([37, 53], [0.1, 0.25]), ([211, 3], [0.01, 0.3])] {
             let layer = ElasticLayer { thickness_mm: h, poisson_ratio: 0.4999 };
-            let inplane = InPlane::new(layer, [0, 1].map(|k| size[k] as f64 * pitch[k]), pitch);
+            let inplane = InPlaneResponse::new(layer, [0, 1].map(|k| size[k] as f64 * pitch[k]), pitch);
             let one =
                 load(size[0], size[1], pitch, |x, y| if x.abs() < pitch[0] && y.abs() < pitch[1] { 0.1 } else { 0.0 });
             let beyond = Load { origin_mm: [1e9, -1e9], ..one.clone() };
@@ -385,7 +389,7 @@ fn hard_inputs_give_numbers() {
             for (k, load) in loads.iter().enumerate() {
                 let mut field = inplane.under_pressure(load);
                 for friction in [Friction::Stick, Friction::Coulomb { coefficient: 0.5 }] {
-                    let (traction, outcome) = shear(layer, load, motion, friction);
+                    let (traction, outcome) = solve_shear(layer, load, motion, friction);
                     field.add(&inplane.under_traction(&traction));
                     assert!(outcome.converged, "h {h}, {size:?}, load {k}: {outcome:?}");
                     assert!(outcome.force.iter().all(|part| part.is_finite()), "{outcome:?}");
@@ -419,8 +423,8 @@ fn a_disc_that_sticks_is_as_stiff_as_mindlin_and_reissner_say() {
         let count = (2.4 / pitch) as usize;
         let disc = load(count, count, [pitch; 2], disc(1.0, 0.1));
         // Mu is 1/2: 4 mu a delta, and 16/3 mu a^3 theta.
-        let (_, pulled) = shear(layer, &disc, shift(0.1, 0.0), Friction::Stick);
-        let (_, twisted) = shear(layer, &disc, Motion { twist_rad: 0.1, ..Motion::default() }, Friction::Stick);
+        let (_, pulled) = solve_shear(layer, &disc, shift(0.1, 0.0), Friction::Stick);
+        let (_, twisted) = solve_shear(layer, &disc, Motion { twist_rad: 0.1, ..Motion::default() }, Friction::Stick);
         let [force, moment] = [pulled.force[0] / 0.2, twisted.moment / (0.8 / 3.0)];
         println!("shear: disc, pitch {pitch}: force {force:.4}, moment {moment:.4}, {} iterations", pulled.iterations);
         assert!((force - 1.0).abs() < 0.04 && (moment - 1.0).abs() < 0.06, "{force}, {moment}");
@@ -435,7 +439,7 @@ fn a_ball_under_shear_slips_in_the_ring_of_cattaneo_and_mindlin() {
     // Mindlin's shift at which everything slips; mu is 1/2.
     let whole = 3.0 * coefficient * normal / 4.0;
     for share in [0.2, 0.5, 0.8] {
-        let (_, outcome) = shear(layer, &load, shift(share * whole, 0.0), Friction::Coulomb { coefficient });
+        let (_, outcome) = solve_shear(layer, &load, shift(share * whole, 0.0), Friction::Coulomb { coefficient });
         let pulled = outcome.force[0] / (coefficient * normal);
         let expected = 1.0 - (1.0_f64 - share).powf(1.5);
         let (stuck, stuck_expected) = ((1.0 - outcome.slipping).sqrt(), (1.0 - expected).cbrt());
@@ -450,14 +454,14 @@ fn a_ball_under_shear_slips_in_the_ring_of_cattaneo_and_mindlin() {
 fn friction_has_its_two_limits_and_a_contact_that_slips_pulls_with_its_whole_force() {
     let (layer, load) = hertz();
     let motion = Motion { shift_mm: [0.02, 0.01], twist_rad: 0.01, about_mm: [0.2, 0.1] };
-    let stick = shear(layer, &load, motion, Friction::Stick);
-    assert!(stick.1.slipping == 0.0 && stick.1.converged);
-    assert_eq!(scalar_only(|| shear(layer, &load, motion, Friction::Stick)), stick);
-    assert_eq!(shear(layer, &load, motion, Friction::Coulomb { coefficient: 1e9 }), stick);
-    let (traction, outcome) = shear(layer, &load, motion, Friction::Coulomb { coefficient: 0.0 });
+    let stick = solve_shear(layer, &load, motion, Friction::Stick);
+    assert!(stick.1.slipping == 0.0 && stick.1.converged, "{:?}", stick.1);
+    assert_eq!(scalar_only(|| solve_shear(layer, &load, motion, Friction::Stick)), stick);
+    assert_eq!(solve_shear(layer, &load, motion, Friction::Coulomb { coefficient: 1e9 }), stick);
+    let (traction, outcome) = solve_shear(layer, &load, motion, Friction::Coulomb { coefficient: 0.0 });
     assert!(traction.x.data.iter().chain(&traction.y.data).all(|t| *t == 0.0));
     assert!(outcome.force == [0.0; 2] && outcome.slipping == 1.0 && outcome.converged, "{outcome:?}");
-    let (_, outcome) = shear(layer, &load, shift(3.0, 4.0), Friction::Coulomb { coefficient: 0.5 });
+    let (_, outcome) = solve_shear(layer, &load, shift(3.0, 4.0), Friction::Coulomb { coefficient: 0.5 });
     let whole = 0.5 * force(&load);
     assert!(
         (outcome.force[0] / whole - 0.6).abs() < 1e-3 && (outcome.force[1] / whole - 0.8).abs() < 1e-3,
@@ -512,8 +516,8 @@ fn tractions_agree_with_dense_matrices() {
     for (friction, factor) in [(Friction::Stick, 1e9), (Friction::Coulomb { coefficient: 2.0 }, 2.0)] {
         let limits: Vec<f64> = pixels.iter().map(|[x, y]| factor * f64::from(load.pressure.at(*x, *y))).collect();
         let truth = slow(&matrix, &wanted, &limits);
-        let (traction, outcome) = shear(layer, &load, motion, friction);
-        let Outcome { force, slipping, iterations, .. } = outcome;
+        let (traction, outcome) = solve_shear(layer, &load, motion, friction);
+        let ShearOutcome { force, slipping, iterations, .. } = outcome;
         let corner = [0, 1].map(|k| ((traction.origin_mm[k] - load.origin_mm[k]) / pitch).round() as usize);
         let found = pixels
             .iter()
@@ -543,7 +547,7 @@ fn what_sticks_goes_where_the_object_goes() {
     for (name, load) in objects {
         for friction in [Friction::Stick, Friction::Coulomb { coefficient: 0.5 }] {
             let motion = Motion { shift_mm: [0.3, 0.1], twist_rad: 0.05, about_mm: [1.0, 2.0] };
-            let (traction, outcome) = shear(setup.layer(), &load, motion, friction);
+            let (traction, outcome) = solve_shear(setup.layer(), &load, motion, friction);
             let field = inplane.under_traction(&traction);
             let (mut sum, mut count) = (0.0, 0);
             for y in 0..load.pressure.height {
@@ -556,7 +560,7 @@ fn what_sticks_goes_where_the_object_goes() {
                 }
             }
             let rms = 1e3 * (sum / f64::from(count)).sqrt();
-            let Outcome { iterations, slipping, .. } = outcome;
+            let ShearOutcome { iterations, slipping, .. } = outcome;
             println!("shear: {name}, {friction:?}: {rms:.1} um RMS off, {slipping:.2} slips, {iterations} iterations");
             assert!(outcome.converged, "{outcome:?}");
             // A contact only a few values of the field wide is blurred.
@@ -570,10 +574,13 @@ fn what_sticks_goes_where_the_object_goes() {
 fn a_pull_gives_a_force_along_it_and_mirrors_with_it() {
     let (layer, load) = hertz();
     let friction = Friction::Coulomb { coefficient: 0.3 };
-    let (right, first) = shear(layer, &load, shift(0.02, 0.0), friction);
-    let (down, second) = shear(layer, &load, shift(0.0, 0.02), friction);
+    let (right, first) = solve_shear(layer, &load, shift(0.02, 0.0), friction);
+    let (down, second) = solve_shear(layer, &load, shift(0.0, 0.02), friction);
     assert!(first.force[0] > 0.0 && first.force[1].abs() < 1e-3 * first.force[0], "{first:?}");
-    assert!((first.force[0] / second.force[1] - 1.0).abs() < 2e-3 && first.iterations == second.iterations);
+    assert!(
+        (first.force[0] / second.force[1] - 1.0).abs() < 2e-3 && first.iterations == second.iterations,
+        "{first:?} {second:?}"
+    );
     let most = right.x.data.iter().fold(0.0_f32, |most, t| most.max(*t));
     for y in 0..right.x.height {
         for x in 0..right.x.width {

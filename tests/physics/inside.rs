@@ -7,32 +7,32 @@ use gelsim::{Fidelity, Friction, Impression, Indenter, Pose, Sensor, Simulator};
 use gelsim_core::base::grid::Grid;
 use gelsim_core::camera::projection::{LensModel, Projection};
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_dataset::frames::camera::{Along, DepthCamera, Projection as Rays, Unit};
+use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection as Rays, DepthUnit, DistanceAlong};
 use gelsim_dataset::frames::poses::FrameMetadata;
 use gelsim_dataset::frames::reader::{FrameReader, SeenFrame};
-use gelsim_dataset::frames::sequence::Follower;
+use gelsim_dataset::frames::sequence::SequenceFollower;
 use gelsim_job::config::Overrides;
-use gelsim_job::plan::frames::Frames;
+use gelsim_job::plan::frames::FrameSettings;
 use gelsim_job::plan::standalone;
 use glam::{DQuat, DVec3};
 
-use super::support::Shape;
+use crate::shapes::Shape;
 
 const CAMERA: DepthCamera = DepthCamera {
-    unit: Unit::Millimetre,
+    unit: DepthUnit::Millimetre,
     plane_mm: 0.0,
     max_depth_mm: None,
     background: None,
     flip: [false; 2],
     offset_px: [0.0; 2],
     projection: Rays::Orthographic,
-    along: Along::Axis,
+    along: DistanceAlong::Axis,
 };
 
 /// A sensor without noise.
 fn sensor(name: &str) -> Sensor {
     let mut sensor = match name {
-        "fingertip" => standalone::sensor("configs/fingertip/sensor.toml").expect("a sound file").sensor,
+        "fingertip" => standalone::load_sensor("configs/fingertip/sensor.toml").expect("a sound file").sensor,
         preset => Sensor::preset(preset).expect("a preset"),
     };
     sensor.camera.read_noise_levels = 0.0;
@@ -52,22 +52,28 @@ fn middle(sensor: &Sensor, ball_mm: f64, depth_mm: f64, [from_tip_mm, around_deg
 
 /// The ball itself pressed in.
 fn pressed_ball(simulator: &Simulator, ball_mm: f64, middle: DVec3) -> Impression {
-    let ball: Arc<Clusters> = Arc::new(Shape::ball(ball_mm, 384, 192).clusters());
-    simulator.press(&Indenter::clusters(ball, Pose::placed([0.0, 0.0, 0.0, 1.0], middle.to_array())))
+    let ball: Arc<Clusters> = Arc::new(Shape::ball_around_origin(ball_mm, 384, 192).clusters());
+    simulator.press(&Indenter::clusters(ball, Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], middle.to_array())))
 }
 
 /// What a lens sees of a ball: distances along its axis or its rays, infinite where nothing is.
-fn frame(looks: &Projection, [width, height]: [usize; 2], along: Along, middle: DVec3, ball_mm: f64) -> Grid<f64> {
+fn frame(
+    looks: &Projection,
+    [width, height]: [usize; 2],
+    along: DistanceAlong,
+    middle: DVec3,
+    ball_mm: f64,
+) -> Grid<f64> {
     let pixel = |at: usize| {
-        let (from, direction) = looks.line([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5]);
+        let (from, direction) = looks.ray_at([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5]);
         let direction = direction.normalize();
         let to = middle - from;
         let half_chord = ball_mm * ball_mm - (to - direction * to.dot(direction)).length_squared();
         let mm = to.dot(direction) - half_chord.max(0.0).sqrt();
         match (half_chord > 0.0, along) {
             (false, _) => f64::INFINITY,
-            (true, Along::Axis) => mm * direction.dot(looks.ahead()),
-            (true, Along::Ray) => mm,
+            (true, DistanceAlong::Axis) => mm * direction.dot(looks.optical_axis()),
+            (true, DistanceAlong::Ray) => mm,
         }
     };
     Grid { width, height, data: (0..width * height).map(pixel).collect() }
@@ -75,8 +81,8 @@ fn frame(looks: &Projection, [width, height]: [usize; 2], along: Along, middle: 
 
 /// What was seen, pressed in; and the pixels that nobody saw.
 fn pressed(simulator: &Simulator, seen: SeenFrame<'_>, pose: Pose) -> (Impression, u64) {
-    let depth_mm = seen.depth_mm();
-    let shape = seen.pressed(&pose);
+    let depth_mm = seen.indentation_depth_mm();
+    let shape = seen.into_shape(&pose);
     let unseen_px = shape.unseen_px();
     (simulator.press(&Indenter::of_known_depth(shape, pose, depth_mm)), unseen_px)
 }
@@ -104,17 +110,22 @@ fn a_frame_of_the_sensors_own_lens_gives_the_press_of_the_object_that_it_shows()
         let simulator = simulator(&sensor);
         let size = sensor.resolution_px;
         let camera = |along| DepthCamera { along, ..CAMERA };
-        let readers = [Along::Axis, Along::Ray].map(|along| {
+        let readers = [DistanceAlong::Axis, DistanceAlong::Ray].map(|along| {
             FrameReader::new(camera(along), &simulator, size).unwrap_or_else(|problem| panic!("{problem:?}"))
         });
         for at in places {
             let middle = middle(&sensor, ball_mm, depth_mm, at);
             let whole = pressed_ball(&simulator, ball_mm, middle);
-            let [by_axis, by_ray] = [(Along::Axis, &readers[0]), (Along::Ray, &readers[1])].map(|(along, reader)| {
-                let seen = reader.read(frame(&sensor.projection(), size, along, middle, ball_mm)).expect("a frame");
-                assert!((seen.depth_mm() - depth_mm).abs() < 0.03 * depth_mm, "{name} {at:?}: {}", seen.depth_mm());
-                pressed(&simulator, seen, Pose::IDENTITY)
-            });
+            let [by_axis, by_ray] =
+                [(DistanceAlong::Axis, &readers[0]), (DistanceAlong::Ray, &readers[1])].map(|(along, reader)| {
+                    let seen = reader.read(frame(&sensor.projection(), size, along, middle, ball_mm)).expect("a frame");
+                    assert!(
+                        (seen.indentation_depth_mm() - depth_mm).abs() < 0.03 * depth_mm,
+                        "{name} {at:?}: {}",
+                        seen.indentation_depth_mm()
+                    );
+                    pressed(&simulator, seen, Pose::IDENTITY)
+                });
             let ((over, most), share) =
                 (levels(&by_axis.0.image.rgb, &whole.image.rgb), force_n(&by_axis.0) / force_n(&whole));
             println!("{name} {at:?}: force {share:.4}, {over} of {} over 2, {most} at most", whole.image.rgb.len());
@@ -150,7 +161,7 @@ fn a_finer_pinhole_in_the_place_of_the_lens_knows_the_object_better() {
         let reader = FrameReader::new(camera, &simulator, size).unwrap_or_else(|problem| panic!("{problem:?}"));
         let middle = middle(&sensor, 4.0, 0.8, [6.0, 120.0]);
         let whole = pressed_ball(&simulator, 4.0, middle);
-        let seen = reader.read(frame(&looks, size, Along::Axis, middle, 4.0)).expect("a frame");
+        let seen = reader.read(frame(&looks, size, DistanceAlong::Axis, middle, 4.0)).expect("a frame");
         let (found, _) = pressed(&simulator, seen, Pose::IDENTITY);
         let share = force_n(&found) / force_n(&whole);
         println!("{name}: force {share:.5}, {:?}", levels(&found.image.rgb, &whole.image.rgb));
@@ -164,11 +175,12 @@ fn a_pose_moves_nothing_but_what_is_laid_out_from_it() {
     let simulator = simulator(&sensor);
     let reader = FrameReader::new(CAMERA, &simulator, [160, 120]).expect("a camera");
     let middle = middle(&sensor, 4.0, 0.8, [5.0, 70.0]);
-    let look = || reader.read(frame(&sensor.projection(), [160, 120], Along::Axis, middle, 4.0)).expect("a frame");
-    let turned = Pose::placed(DQuat::from_rotation_x(0.7).to_array(), middle.to_array());
+    let look =
+        || reader.read(frame(&sensor.projection(), [160, 120], DistanceAlong::Axis, middle, 4.0)).expect("a frame");
+    let turned = Pose::from_quaternion(DQuat::from_rotation_x(0.7).to_array(), middle.to_array());
     let [here, there] = [Pose::IDENTITY, turned].map(|pose| pressed(&simulator, look(), pose).0);
-    assert!((force_n(&here) / force_n(&there) - 1.0).abs() < 1e-5);
-    assert!(levels(&here.image.rgb, &there.image.rgb).1 <= 1);
+    assert!((force_n(&here) / force_n(&there) - 1.0).abs() < 1e-5, "{} {}", force_n(&here), force_n(&there));
+    assert!(levels(&here.image.rgb, &there.image.rgb).1 <= 1, "{:?}", levels(&here.image.rgb, &there.image.rgb));
 }
 
 /// Beside a finger a lens at its end sees one flank of a ball only.
@@ -179,7 +191,7 @@ fn what_the_object_hides_is_counted_and_what_the_frame_cuts_takes_the_force_away
     let reader = FrameReader::new(CAMERA, &simulator, size).expect("a camera");
     let look = |at: [f64; 2]| {
         let middle = middle(&sensor, 4.0, 0.8, at);
-        let seen = reader.read(frame(&sensor.projection(), size, Along::Axis, middle, 4.0)).expect("a frame");
+        let seen = reader.read(frame(&sensor.projection(), size, DistanceAlong::Axis, middle, 4.0)).expect("a frame");
         let (found, unseen_px) = pressed(&simulator, seen, Pose::IDENTITY);
         (found, unseen_px, pressed_ball(&simulator, 4.0, middle))
     };
@@ -219,7 +231,7 @@ fn odd_frames_are_refused_in_words_or_pressed_in_finitely() {
                 assert!(found.image.finite && found.contact.finite, "{name} {size:?} {mm}");
                 assert!(unseen_px <= (size[0] * size[1]) as u64, "{name} {size:?} {mm}: {unseen_px}");
                 let nothing = mm > 1e3;
-                assert!(!nothing || (!reach.touches() && found.contact.region.is_empty()), "{name} {mm}");
+                assert!(!nothing || (!reach.touches_pad() && found.contact.region.is_empty()), "{name} {mm}");
             }
         }
     }
@@ -230,7 +242,7 @@ fn a_ball_that_is_pushed_around_a_finger_is_held_back_by_friction() {
     const PX: [usize; 2] = [160, 120];
     const MU: f64 = 0.3;
     let overrides = Overrides::default();
-    let frames = Frames {
+    let frames = FrameSettings {
         sensor: "geltip",
         resolution_px: PX,
         layers: &[],
@@ -239,20 +251,24 @@ fn a_ball_that_is_pushed_around_a_finger_is_held_back_by_friction() {
         sequence: true,
         overrides: &overrides,
     };
-    let plan = frames.plan().unwrap_or_else(|report| panic!("{report}"));
+    let plan = frames.resolve_plan().unwrap_or_else(|report| panic!("{report}"));
     let sensor = plan.simulator.sensor();
     let reader = FrameReader::new(CAMERA, &plan.simulator, PX).expect("a camera");
-    let mut follower = Follower::new(&plan, Friction::Coulomb { coefficient: MU }, 25.0).expect("an elastic gel");
+    let mut follower =
+        SequenceFollower::new(&plan, Friction::Coulomb { coefficient: MU }, 25.0).expect("an elastic gel");
     let mut last = None;
     // Pressed in beside the tip in four frames, then taken about the finger's axis.
     for k in 0..14_u32 {
         let around_deg = 1.5 * f64::from(k.saturating_sub(3));
         let middle = middle(sensor, 4.0, 0.2 * f64::from(k.min(3) + 1), [9.0, around_deg]);
-        let seen = reader.read(frame(&sensor.projection(), PX, Along::Axis, middle, 4.0)).expect("a frame");
+        let seen = reader.read(frame(&sensor.projection(), PX, DistanceAlong::Axis, middle, 4.0)).expect("a frame");
         let turned = DQuat::from_rotation_z(around_deg.to_radians());
-        let known =
-            FrameMetadata { pose: Pose::placed(turned.to_array(), middle.to_array()), ..FrameMetadata::nothing("a") };
-        let followed = follower.next(&plan, k.into(), seen, known).unwrap_or_else(|problem| panic!("{problem:?}"));
+        let known = FrameMetadata {
+            pose: Pose::from_quaternion(turned.to_array(), middle.to_array()),
+            ..FrameMetadata::from_id("a")
+        };
+        let followed =
+            follower.render_next(&plan, k.into(), seen, known).unwrap_or_else(|problem| panic!("{problem:?}"));
         last = Some((followed.label, middle, around_deg));
     }
     let Some((label, middle, around_deg)) = last else { panic!("frames") };

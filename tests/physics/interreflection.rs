@@ -2,21 +2,22 @@
 //!
 //! Each pixel gives back a share of the diffuse light that it gets, alike in all directions (Lambert 1760), and every
 //! other pixel that it faces gets its part: cos cos / (pi d^2) of it per area. One bounce, an albedo of one half, and
-//! nothing stands between two pixels. The figures are in `docs/effects-models.md`. Random paths of any length, which shapes do block,
+//! nothing stands between two pixels. The figures are in `docs/explanation/effect-models.md`. Random paths of any length, which shapes do block,
 //! say what that leaves out.
 
 use gelsim_core::base::grid::Rect;
 use gelsim_core::base::view::View;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::optics::led::Led;
-use gelsim_core::optics::normals::normals;
-use gelsim_core::optics::shadow::{Caster, Scratch, visible};
+use gelsim_core::optics::normals::surface_normals;
+use gelsim_core::optics::shadow::{ShadowCaster, ShadowScratch, compute_visible_shares};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
 
-use super::support::{Random, camera_of, contact_of, led, position, sensor};
+use super::support::{camera_of, contact_of, led, position, sensor};
 use crate::oracle::ray_tracer::{Dent, Lamp, bounced as traced};
 use crate::plan::plan;
+use crate::shapes::Random;
 
 /// Share of the light that the pad's coating gives back.
 const ALBEDO: f64 = 0.5;
@@ -31,14 +32,15 @@ fn plan_of(object: &str) -> Plan {
 /// Red, green and blue irradiance of each pixel: N.l times each LED's colour and intensity, as far as it is seen.
 fn direct(camera: &View, leds: &[Led], contact: &Contact) -> Vec<[f64; 3]> {
     let [width, height] = camera.resolution_px;
-    let normals = normals(contact, camera);
+    let normals = surface_normals(contact, camera);
     let mut light = vec![[0.0; 3]; width * height];
     for led in leds {
         let (azimuth, elevation) = (led.azimuth_deg.to_radians(), led.elevation_deg.to_radians());
         let towards = [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), -elevation.sin()];
-        let caster = Caster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, camera.mm_per_px);
+        let caster = ShadowCaster::new(led.azimuth_deg, led.elevation_deg, led.angular_size_deg, camera.mm_per_px);
         let view = Rect::whole(width, height);
-        let seen = visible(&[Some(caster)], &contact.surface, view, &mut Scratch::default()).remove(0);
+        let seen =
+            compute_visible_shares(&[Some(caster)], &contact.surface, view, &mut ShadowScratch::default()).remove(0);
         for ((light, normal), seen) in light.iter_mut().zip(&normals).zip(&seen) {
             let facing: f64 = normal.iter().zip(towards).map(|(n, l)| f64::from(*n) * l).sum();
             for (light, color) in light.iter_mut().zip(led.color) {
@@ -52,7 +54,7 @@ fn direct(camera: &View, leds: &[Led], contact: &Contact) -> Vec<[f64; 3]> {
 /// What each pixel gets of what all others give back of `light`.
 fn bounced(camera: &View, contact: &Contact, light: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let surface = contact.surface.inner(1);
-    let normals: Vec<[f64; 3]> = normals(contact, camera).into_iter().map(|n| n.map(f64::from)).collect();
+    let normals: Vec<[f64; 3]> = surface_normals(contact, camera).into_iter().map(|n| n.map(f64::from)).collect();
     let width = camera.resolution_px[0];
     let places: Vec<[f64; 3]> = (0..light.len())
         .map(|at| {
@@ -147,7 +149,7 @@ fn one_bounce_between_all_pairs_is_what_random_paths_bring() {
         let light = direct(&camera, &leds, &contact);
         let pairs = bounced(&camera, &contact, &light);
         let lamps = leds.each_ref().map(|led| Lamp::new(led, false));
-        let mut random = Random::new(1);
+        let mut random = Random(1);
         let mut sums = [0.0; 4];
         for (at, (light, pairs)) in light.iter().zip(&pairs).enumerate() {
             let place = position(&camera, (at % 96) as f64, (at / 96) as f64);
@@ -155,7 +157,7 @@ fn one_bounce_between_all_pairs_is_what_random_paths_bring() {
             if dent.beyond_edge(place) > 1.0 || dent.beyond_edge(place).abs() < 0.2 {
                 continue;
             }
-            let [first, all] = traced(dent, dent.seen(place), &lamps, ALBEDO, 200, &mut || random.unit());
+            let [first, all] = traced(dent, dent.point_seen(place), &lamps, ALBEDO, 200, &mut || random.unit());
             for (sum, value) in sums.iter_mut().zip([light[0], pairs[0], first, all]) {
                 *sum += value;
             }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use gelsim_core::gelpad::elastic::kernel::kernel;
+use gelsim_core::gelpad::elastic::kernel::layer_kernel;
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 
 use crate::oracle::pressed_pixel::pressed_pixel;
@@ -20,7 +20,7 @@ fn pressed_pixel_on_grid(layer: ElasticLayer, pitch: [f64; 2], lag: [usize; 2], 
             let (qx, qy) = (frequency(0, m), frequency(1, n));
             let share = sinc(qx * pitch[0] / 2.0) * sinc(qy * pitch[1] / 2.0);
             let phase = TAU * ((m * lag[0] + n * lag[1]) % size) as f64 / size as f64;
-            sum += layer.normal(qx.hypot(qy)) * share * phase.cos();
+            sum += layer.normal_compliance(qx.hypot(qy)) * share * phase.cos();
         }
     }
     sum / (size * size) as f64
@@ -53,7 +53,7 @@ fn the_kernel_is_the_displacement_around_a_pressed_pixel() {
         ] {
             let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
             let reach = 9.0 * h;
-            let kernel = kernel(layer, pitch, reach, [300, 200]);
+            let kernel = layer_kernel(layer, pitch, reach, [300, 200]);
             let middle = f64::from(kernel.at(0, 0));
             for lag in
                 [[0, 0], [1, 0], [0, 1], [1, 1], [2, 5], [7, 3], [20, 0], [28, 29], [61, 2], [0, 180], [299, 199]]
@@ -81,7 +81,7 @@ fn the_kernel_is_the_displacement_around_a_pressed_pixel() {
 fn far_away_on_a_thick_pad_the_kernel_keeps_its_digits() {
     let layer = ElasticLayer { thickness_mm: 1e5, poisson_ratio: 0.3 };
     for pitch in [[0.1, 0.1], [0.1, 0.3]] {
-        let kernel = kernel(layer, pitch, 1e5, [400, 400]);
+        let kernel = layer_kernel(layer, pitch, 1e5, [400, 400]);
         for lag in [[20, 0], [0, 28], [19, 21], [29, 0], [0, 63], [100, 3], [64, 90], [399, 399]] {
             let expected = pressed_pixel(layer, pitch, lag[0] as f64 * pitch[0], lag[1] as f64 * pitch[1]);
             let error = f64::from(kernel.at(lag[0], lag[1])) / expected - 1.0;
@@ -97,7 +97,7 @@ fn where_pixels_are_coarse_the_kernel_is_the_sum_over_the_grids_frequencies() {
     for nu in RATIOS {
         for (h, pitch) in [(3.0, [2.0, 2.0]), (0.05, [0.03125, 0.03125]), (0.05, [0.02, 0.05]), (1.0, [10.0, 10.0])] {
             let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
-            let kernel = kernel(layer, pitch, 9.0 * h, [300, 200]);
+            let kernel = layer_kernel(layer, pitch, 9.0 * h, [300, 200]);
             let size = 128;
             let middle = f64::from(kernel.at(0, 0));
             for lag in [[0, 0], [1, 0], [0, 1], [2, 1], [3, 3], [0, 4], [8, 0]] {
@@ -122,7 +122,7 @@ fn all_lags_together_give_as_a_wide_plate_does() {
     for nu in RATIOS {
         for (h, pitch) in [(3.0, [0.125, 0.125]), (3.0, [0.2, 0.1]), (0.3, [0.125, 0.125]), (0.05, [0.03125, 0.0625])] {
             let layer = ElasticLayer { thickness_mm: h, poisson_ratio: nu };
-            let kernel = kernel(layer, pitch, 9.0 * h, [4000, 4000]);
+            let kernel = layer_kernel(layer, pitch, 9.0 * h, [4000, 4000]);
             let (mut sum, mut size) = (0.0, 0.0);
             for y in 0..kernel.height {
                 for x in 0..kernel.width {
@@ -131,7 +131,7 @@ fn all_lags_together_give_as_a_wide_plate_does() {
                     size += count * f64::from(kernel.at(x, y)).abs();
                 }
             }
-            let error = (sum - layer.normal(0.0)) / size;
+            let error = (sum - layer.normal_compliance(0.0)) / size;
             // Where pixels are coarse, the tail that is cut off is missing.
             let bound = if pitch[1] > 0.5 * h { 6e-3 } else { 3e-5 };
             assert!(error.abs() < bound, "nu {nu}, h {h}, {pitch:?}: {sum} is off by {error} of {size}");
@@ -142,7 +142,7 @@ fn all_lags_together_give_as_a_wide_plate_does() {
 #[test]
 fn a_kernel_ends_where_its_reach_does_and_fits_the_window() {
     let layer = ElasticLayer { thickness_mm: 3.0, poisson_ratio: 0.4999 };
-    let kernel_to = |reach, most| kernel(layer, [0.25, 0.5], reach, most);
+    let kernel_to = |reach, most| layer_kernel(layer, [0.25, 0.5], reach, most);
     let cut = kernel_to(12.0, [1000, 1000]);
     assert_eq!([cut.width, cut.height], [49, 25]);
     let whole = kernel_to(27.0, [1000, 1000]);

@@ -5,15 +5,15 @@ use gelsim_core::base::grid::Grid;
 use gelsim_core::base::simd::scalar_only;
 use gelsim_core::base::view::View;
 use gelsim_core::effects::{Effect, EffectLog, EffectPolicy};
-use gelsim_core::optics::lamps::{COUNT, Lamp, Shader};
+use gelsim_core::optics::lamps::{LAMP_COUNT, Lamp, LampShader};
 use gelsim_core::simulator::Stages;
-use gelsim_dataset::content::{Content, content};
+use gelsim_dataset::content::{LayerContent, layer_content};
 use gelsim_files::sensor::{PRESETS, Sensor};
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::sample::render;
 
-use super::support::Random;
 use crate::plan::plan;
+use crate::shapes::Random;
 
 /// Pixels of the device's image.
 const FULL_PX: [f64; 2] = [2464.0, 2056.0];
@@ -73,7 +73,7 @@ impl Published {
 
     /// At every pixel of a view of the device's field of view, under a surface with a border of one pixel: the grey value of
     /// each lamp.
-    fn images(&self, surface: &Grid<f32>, view: &View) -> Vec<[f64; COUNT]> {
+    fn images(&self, surface: &Grid<f32>, view: &View) -> Vec<[f64; LAMP_COUNT]> {
         let [width, height] = view.resolution_px;
         let mut images = Vec::new();
         for y in 0..height {
@@ -99,7 +99,7 @@ fn largest<'a>(differences: impl Iterator<Item = f64> + 'a) -> f64 {
 #[test]
 fn grey_images_of_random_normals_are_the_published_formula() {
     let sensor = preset();
-    let mut random = Random::new(7);
+    let mut random = Random(7);
     // Square pixels, and pixels that are not; the device's own lamps, and ones so bright that images are cut at white and black.
     for (resolution_px, brighter) in [([616, 514], 1.0), ([77, 64], 1.0), ([40, 90], 6.0)] {
         let mut lamps = sensor.lamp.clone();
@@ -116,10 +116,10 @@ fn grey_images_of_random_normals_are_the_published_formula() {
             let heights = || (steepest * mm_per_px[0] * (2.0 * random.unit() - 1.0)) as f32;
             surface.row_mut(y).fill_with(heights);
         }
-        let shader = Shader::new(&lamps, &view);
-        let planes = shader.grey(&surface);
-        assert_eq!(planes.len(), COUNT);
-        assert_eq!(planes, scalar_only(|| shader.grey(&surface)), "without wide vectors the bits are the same");
+        let shader = LampShader::new(&lamps, &view);
+        let planes = shader.render_grey(&surface);
+        assert_eq!(planes.len(), LAMP_COUNT);
+        assert_eq!(planes, scalar_only(|| shader.render_grey(&surface)), "without wide vectors the bits are the same");
         let found = |at: usize| planes.iter().map(move |plane| plane.data[at]);
         let (mut off, mut black, mut white) = (0.0_f64, 0, 0);
         for (at, expected) in Published::new(&lamps).images(&surface, &view).into_iter().enumerate() {
@@ -144,8 +144,8 @@ fn job(press: &str, sensor: &str) -> String {
 }
 
 fn lamps_of(sample: &gelsim_job::sample::Sample) -> Vec<f32> {
-    match content(sample, OutputLayer::Lamps) {
-        Content::Floats(values) => values,
+    match layer_content(sample, OutputLayer::Lamps) {
+        LayerContent::Floats(values) => values,
         _ => panic!("lamps are floats"),
     }
 }
@@ -161,8 +161,9 @@ fn layer_and_image_of_a_pressed_ball_are_the_published_formula() {
     let found = lamps_of(&sample);
     let grey = largest(found.iter().zip(expected.iter().flatten()).map(|(a, b)| 255.0 * (f64::from(*a) - b)));
     let composite = expected.iter().flat_map(|grey| {
-        [0, 1, 2]
-            .map(|channel| 255.0 * (0..COUNT).map(|lamp| sensor.lamp[lamp].color[channel] * grey[lamp]).sum::<f64>())
+        [0, 1, 2].map(|channel| {
+            255.0 * (0..LAMP_COUNT).map(|lamp| sensor.lamp[lamp].color[channel] * grey[lamp]).sum::<f64>()
+        })
     });
     let composite: Vec<f64> = composite.collect();
     let image = &sample.impression.image.rgb;
@@ -185,7 +186,7 @@ fn each_colour_brightens_on_its_own_side_of_a_ball() {
         let at = 3 * (y * width + x) + channel;
         f64::from(sample.impression.image.rgb[at]) - f64::from(plan.simulator.background().rgb[at])
     };
-    // Red above, green to the lower right, blue to the lower left (docs/sensors.md).
+    // Red above, green to the lower right, blue to the lower left (docs/reference/presets.md).
     for (channel, degrees) in [(0, -90.0_f64), (1, 27.0), (2, 150.0)] {
         let mut sum = [0.0; 2];
         for y in 0..height {
@@ -212,14 +213,14 @@ fn an_untouched_pad_is_the_composite_of_its_lamps_and_nothing_is_shaded() {
     let grey = lamps_of(&sample);
     for (at, rgb) in background.rgb.as_chunks::<3>().0.iter().enumerate() {
         for (channel, level) in rgb.iter().enumerate() {
-            let of = |lamp: usize| sensor.lamp[lamp].color[channel] * f64::from(grey[COUNT * at + lamp]);
-            let expected = 255.0 * (0..COUNT).map(of).sum::<f64>();
+            let of = |lamp: usize| sensor.lamp[lamp].color[channel] * f64::from(grey[LAMP_COUNT * at + lamp]);
+            let expected = 255.0 * (0..LAMP_COUNT).map(of).sum::<f64>();
             assert!((f64::from(*level) - expected).abs() < 0.501, "{at} {channel}: {level} for {expected}");
         }
     }
     // Shaded everywhere all the same, it is still the background to the last bit.
     let mut everywhere = EffectLog::new(EffectPolicy::All);
-    let light = plan.simulator.shader().shade(&sample.impression.contact, background, &mut everywhere).whole();
+    let light = plan.simulator.shader().shade(&sample.impression.contact, background, &mut everywhere).into_light();
     assert_eq!(light.planes, background.light(light.region).planes);
     assert_eq!(light.region.area(), background.width * background.height);
 }
@@ -238,7 +239,10 @@ fn a_photograph_takes_the_place_of_the_composite() {
         own.impression.image.rgb.iter().zip(photograph.as_raw()).zip(composite.impression.image.rgb.iter().zip(&rest))
     {
         let change = f64::from(*composite) - f64::from(*rest);
-        assert!((f64::from(*own) - (f64::from(*photograph) + change).clamp(0.0, 255.0)).abs() <= 1.0);
+        assert!(
+            (f64::from(*own) - (f64::from(*photograph) + change).clamp(0.0, 255.0)).abs() <= 1.0,
+            "{own}: {photograph} and {change}"
+        );
     }
 }
 
@@ -248,8 +252,8 @@ fn grey_images_go_through_the_lens() {
     let straight = render(&plan(&job("", "")), 0);
     let lens = bent.impression.lens.as_ref().expect("a lens");
     let (found, before) = (lamps_of(&bent), lamps_of(&straight));
-    for lamp in 0..COUNT {
-        let plane = |values: &[f32]| values.iter().skip(lamp).step_by(COUNT).copied().collect();
+    for lamp in 0..LAMP_COUNT {
+        let plane = |values: &[f32]| values.iter().skip(lamp).step_by(LAMP_COUNT).copied().collect();
         let expected = lens.warp_plane(&Grid { width: 154, height: 128, data: plane(&before) }).data;
         assert_eq!(plane(&found), expected, "lamp {lamp}");
     }
@@ -268,7 +272,7 @@ fn what_is_not_shaded_would_change_by_less_than_a_grey_level() {
         let notes = &some.impression.effects.notes;
         let absent = [Effect::Grain, Effect::Shadows, Effect::Darkening, Effect::Supersampling];
         assert!(notes[Effect::Shading].ran && absent.iter().all(|effect| !notes[*effect].ran));
-        let lit = called_for.simulator.light(&some.impression.contact).region.area();
+        let lit = called_for.simulator.shade_contact(&some.impression.contact).region.area();
         assert!(depth_mm > 0.1 || lit < 154 * 128 / 2, "a shallow press lights {lit} pixels");
     }
 }

@@ -36,13 +36,13 @@ impl Presses {
     fn depth(&self, pad: &Pad) -> Depth {
         let scene = Scene::draw(&self.plan, 0, 0);
         let thickness_mm = self.plan.thickness_mm();
-        let window = depth::Window { above_mm: thickness_mm, ..pad.window(scene.indentation_depth_mm) };
-        depth::captured(&scene.indenter(&self.plan), self.plan.simulator.view(), window, thickness_mm)
+        let window = depth::CaptureWindow { above_mm: thickness_mm, ..pad.capture_window(scene.indentation_depth_mm) };
+        depth::capture_indenter(&scene.indenter(&self.plan), self.plan.simulator.view(), window, thickness_mm)
     }
 }
 
 /// Pixels of the reference's mask, and what another has in common with it.
-fn compared(own: &Grid<u8>, exact: &Grid<u8>) -> (usize, f64) {
+fn pixels_and_iou(own: &Grid<u8>, exact: &Grid<u8>) -> (usize, f64) {
     let pixels = exact.data.iter().filter(|value| **value == 255).count();
     (pixels, mask_iou(own, exact).unwrap_or(1.0))
 }
@@ -67,7 +67,7 @@ fn the_contact_mask_of_a_coarse_grid_is_the_references() {
                 );
                 let presses = Presses::new(object, resolution_px, &pose, depth_mm, &levels);
                 let masks: Vec<Grid<u8>> = presses.pads.iter().map(|pad| pad.press(&presses.depth(pad)).mask).collect();
-                let shares = [0, 1].map(|level| compared(&masks[level], &masks[2]));
+                let shares = [0, 1].map(|level| pixels_and_iou(&masks[level], &masks[2]));
                 println!("{resolution_px:?} {object} {depth_mm}: {shares:?}");
                 for (found, (pixels, share)) in found.iter_mut().zip(shares) {
                     found.push((pixels, share));

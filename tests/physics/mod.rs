@@ -1,11 +1,17 @@
-//! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow twins in f64.
+//! Does the picture obey the geometry and the formulas? Every stage against closed forms and slow references in f64.
 //!
 //! `capture` the depth map against plain loops and rays; `gelpad` and `gaussian` the blurred surfaces; `optics` normals
-//! and light against closed forms; `presets` the light of presets against figures of real sensors; `walls` light between pixel centres; `scene` labels
-//! against what they describe; `lamps` light of measured lamps against the published formula; `near_light` near LEDs against traced rays; `curved` gels that are not flat, `curved_elements` against finite elements, `curved_light` their shadows and edges, `gel_mesh` the same as meshes; `frames` depth frames against the objects that they show, `inside` those of cameras inside a gel; `twin` whole samples against a
-//! plain f64 pipeline. The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` whole presses against slow
-//! solutions of the same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's
-//! border and the pixels' size cost; `finite_elements` the error of linear theory; `ladder` every rung on the bundled objects; `mask` the contact of coarse grids as a label; `gripper` two fingers; `hard_cases` what must not break it.
+//! and light against closed forms; `presets` the light of presets against figures of real sensors; `walls` light
+//! between pixel centres; `scene` labels against what they describe; `lamps` light of measured lamps against the
+//! published formula; `near_light` near LEDs against traced rays; `curved` gels that are not flat, `curved_elements`
+//! against finite elements, `curved_light` their shadows and edges, `gel_mesh` the same as meshes; `frames` depth
+//! frames against the objects that they show, `inside` those of cameras inside a gel; `pipeline` samples against the
+//! reference pipeline in f64.
+//!
+//! The elastic pad: `greens`, `convolution` and `kernel` its parts; `contact` presses against slow solutions of the
+//! same equations; `solutions` against closed forms; `symmetry`; `border` and `grids` what the view's border and the
+//! pixels' size cost; `finite_elements` the error of linear theory; `ladder` every level on the bundled objects; `mask`
+//! the contact of coarse grids as a label; `gripper` two fingers; `hard_cases` what must not break it.
 
 mod beyond;
 mod border;
@@ -37,7 +43,7 @@ mod lamps;
 mod mask;
 mod near_light;
 mod optics;
-mod oracle;
+mod pipeline;
 mod presets;
 mod reference_solutions;
 mod response;
@@ -50,5 +56,4 @@ mod soft;
 mod solutions;
 mod support;
 mod symmetry;
-mod twin;
 mod walls;

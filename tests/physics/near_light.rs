@@ -6,8 +6,9 @@ use gelsim_core::optics::Model;
 use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::{Phong, Shadows, SoftShadows};
 
-use super::support::{Random, camera_of, contact_of, grey, led, light_at, light_of, position, sensor};
+use super::support::{camera_of, contact_of, grey, led, light_at, light_of, position, sensor};
 use crate::oracle::ray_tracer::{Dent, Lamp, Light, bounced};
+use crate::shapes::Random;
 
 /// A ball, pressed in as deep as in a usual job.
 const BALL: Dent = Dent::Ball { radius: 4.0, deep: 0.8 };
@@ -104,7 +105,7 @@ impl Scene {
         let at = |k: usize| (k as f64 + 0.5) / RAYS as f64 - 0.5;
         let rays = (0..RAYS).flat_map(|j| (0..RAYS).map(move |i| [at(i), at(j)]));
         let one = |[dx, dy]: [f64; 2]| {
-            let seen = self.dent.seen(position(&self.view, x as f64 + dx, y as f64 + dy));
+            let seen = self.dent.point_seen(position(&self.view, x as f64 + dx, y as f64 + dy));
             self.lamp().phong(self.dent, seen, light, &self.phong)
         };
         rays.map(one).sum::<f64>() / (RAYS * RAYS) as f64
@@ -178,9 +179,9 @@ fn the_rays_cast_shadows_and_bounce_as_closed_forms_say() {
     let block = Dent::Block { half: 2.0, deep: 0.8 };
     let led = |azimuth_deg: f64| Led { distance_mm: 10.0, ..led(azimuth_deg, 30.0) };
     let lamp = Lamp::new(&led(180.0), false);
-    let mut random = Random::new(3);
+    let mut random = Random(3);
     for away in [0.1, 0.4, 1.5] {
-        let seen = block.seen([-2.0 - away, 0.0]);
+        let seen = block.point_seen([-2.0 - away, 0.0]);
         let [first, all] = bounced(block, seen, &[lamp], 0.5, 400_000, &mut || random.unit());
         // A rectangle in a plane at right angles to the place's own, which it ends at, in two halves.
         let (b, slant) = (2.0_f64, (away * away + 0.8 * 0.8_f64).sqrt());
@@ -188,16 +189,16 @@ fn the_rays_cast_shadows_and_bounce_as_closed_forms_say() {
         let expected = 0.5 * factor * 30.0_f64.to_radians().cos();
         println!("{away} mm from a wall: {first:.4}, closed form {expected:.4}; all bounces {all:.4}");
         assert!((first - expected).abs() < 0.01 * expected + 2e-4, "{first} for {expected}");
-        assert!(all > first && all < 1.3 * first);
+        assert!(all > first && all < 1.3 * first, "{first} {all}");
     }
     // Behind it, a near LED's shadow ends where the line over its far upper edge meets the plane.
     let near = Lamp::new(&led(180.0), true);
     let (foot, height) = (-10.0 * 30.0_f64.to_radians().cos(), 5.0);
     let end = foot + (2.0 - foot) * height / (height - 0.8);
-    let lit = |x: f64| near.irradiance(block, block.seen([x, 0.0]), TRUE_LIGHT);
+    let lit = |x: f64| near.irradiance(block, block.point_seen([x, 0.0]), TRUE_LIGHT);
     assert!(lit(end - 1e-6) == 0.0 && lit(2.0 + 1e-6) == 0.0 && lit(end + 1e-6) > 0.1, "{end}");
     // On level ground N.l is the LED's height over its distance, and brightness the square of 10 mm over that.
     let beside = lit(end + 1.0);
     let r2 = (end + 1.0 - foot).powi(2) + height * height;
-    assert!((beside - 100.0 / r2 * height / r2.sqrt()).abs() < 1e-12);
+    assert!((beside - 100.0 / r2 * height / r2.sqrt()).abs() < 1e-12, "{beside}");
 }

@@ -14,12 +14,12 @@ use gelsim_files::sensor::{PRESETS, Sensor};
 use gelsim_job::sample::render;
 
 use super::support::{
-    Random, camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor,
-    shade,
+    camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor, shade,
 };
 use crate::is_flat;
 use crate::oracle::shading::{brightness, phong};
 use crate::plan::plan;
+use crate::shapes::Random;
 
 const PAPERS_LEDS: [(f64, f64); 4] = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
 
@@ -42,7 +42,7 @@ fn error(light: &Light, rest: &BackgroundImage, expected: impl Fn(usize, usize) 
     for y in 0..rest.height {
         for x in 0..rest.width {
             for (found, expected) in light_at(light, rest, x, y).into_iter().zip(expected(x, y)) {
-                assert!(found.is_finite());
+                assert!(found.is_finite(), "{found}");
                 largest = largest.max((found - expected).abs());
             }
         }
@@ -114,7 +114,7 @@ fn a_tilted_plane_is_bright_if_it_faces_the_led_and_dark_if_it_faces_away() {
         };
         let (facing, level, away) = (tilted(-1.0), tilted(0.0), tilted(1.0));
         assert!(facing > level + 0.05 && level > away + 0.05, "{azimuth}: {facing} {level} {away}");
-        assert!((level - 0.4).abs() < 1e-6);
+        assert!((level - 0.4).abs() < 1e-6, "{level}");
     }
 }
 
@@ -149,15 +149,15 @@ fn a_pressed_ball_is_bright_on_the_side_where_the_led_is() {
 /// A rigid ball of `radius` mm over the middle of the view, pressed in by `depth_mm`.
 fn ball(camera: &View, radius: f64, depth_mm: f64, margin: usize) -> Depth {
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
-    let mut overlap = Grid::new(width, height);
+    let mut penetration = Grid::new(width, height);
     for y in 0..height {
         for x in 0..width {
             let [u, v] = position(camera, x as f64 - margin as f64, y as f64 - margin as f64);
             let rise = (radius * radius - u * u - v * v).max(0.0).sqrt();
-            overlap.row_mut(y)[x] = (rise - radius + depth_mm).max(0.0) as f32;
+            penetration.row_mut(y)[x] = (rise - radius + depth_mm).max(0.0) as f32;
         }
     }
-    depth_of(overlap, margin)
+    depth_of(penetration, margin)
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn normals_under_a_ball_are_the_balls_and_their_error_falls_with_the_square_of_t
                 let expected = [u / radius, v / radius, z / radius];
                 let found = normals[y * px + x].map(f64::from);
                 let length: f64 = found.iter().map(|n| n * n).sum();
-                assert!((length - 1.0).abs() < 1e-6);
+                assert!((length - 1.0).abs() < 1e-6, "{length}");
                 for k in 0..3 {
                     largest = largest.max((found[k] - expected[k]).abs());
                 }
@@ -252,7 +252,7 @@ fn an_untouched_pad_is_the_rendered_background_byte_for_byte() {
 
 #[test]
 fn an_untouched_pad_is_the_users_photograph_byte_for_byte_and_so_is_what_the_press_does_not_reach() {
-    let mut random = Random::new(1);
+    let mut random = Random(1);
     let noise: Vec<u8> = (0..160 * 120 * 3).map(|_| random.below(256) as u8).collect();
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("photograph.png");
@@ -269,7 +269,7 @@ fn an_untouched_pad_is_the_users_photograph_byte_for_byte_and_so_is_what_the_pre
         // The region counts the border; slopes reach one pixel further.
         let (x, y) = (at % 160 + 1, at / 160 + 1);
         let reached = (x0.saturating_sub(1)..x1 + 1).contains(&x) && (y0.saturating_sub(1)..y1 + 1).contains(&y);
-        assert!(reached || found == expected);
+        assert!(reached || found == expected, "{found:?} {expected:?}");
         changed += usize::from(found != expected);
     }
     assert!(changed > 500, "{changed} pixels");
@@ -333,11 +333,11 @@ fn light_changes_up_to_one_pixel_beyond_where_the_surface_does() {
     let sharp = MeanBlur { kernel_px: 1, passes: 0 };
     for (left, top) in [(15, 12), (0, 0), (33, 25)] {
         let margin = margin_of(sharp);
-        let mut overlap = Grid::new(40 + 2 * margin, 30 + 2 * margin);
+        let mut penetration = Grid::new(40 + 2 * margin, 30 + 2 * margin);
         for y in margin + top..margin + top + 5 {
-            overlap.row_mut(y)[margin + left..margin + left + 7].fill(0.5);
+            penetration.row_mut(y)[margin + left..margin + left + 7].fill(0.5);
         }
-        let mut contact = press(sharp, &depth_of(overlap, margin));
+        let mut contact = press(sharp, &depth_of(penetration, margin));
         let light = shade(Phong::default(), &sensor, &contact, &rest);
         contact.region = Rect::whole(contact.surface.width, contact.surface.height);
         let everywhere = shade(Phong::default(), &sensor, &contact, &rest);
@@ -375,7 +375,7 @@ fn light_adds_up_over_leds_and_grows_with_their_intensity_until_it_is_quantised(
                 dark[k] + single.iter().map(|one| light_at(one, &rest, x, y)[k] - dark[k]).sum::<f64>()
             })
         };
-        assert!(error(&together, &rest, sum) < 1e-6);
+        assert!(error(&together, &rest, sum) < 1e-6, "{}", error(&together, &rest, sum));
 
         // A hundred times as bright is far out of range, and still not cut.
         let brighter = all.led.iter().map(|led| Led { intensity: led.intensity * 100.0, ..led.clone() });
@@ -384,7 +384,7 @@ fn light_adds_up_over_leds_and_grows_with_their_intensity_until_it_is_quantised(
             let (dark, lit) = (light_at(&none, &rest, x, y), light_at(&together, &rest, x, y));
             std::array::from_fn(|k| dark[k] + 100.0 * (lit[k] - dark[k]))
         };
-        assert!(error(&brighter, &rest, scaled) < 1e-4);
+        assert!(error(&brighter, &rest, scaled) < 1e-4, "{}", error(&brighter, &rest, scaled));
         let values = || brighter.planes.iter().flatten();
         assert!(values().any(|value| *value > 2.0));
         assert!(constants.equation == Equation::Literal || values().any(|value| *value < -1.0));
@@ -395,7 +395,7 @@ fn light_adds_up_over_leds_and_grows_with_their_intensity_until_it_is_quantised(
 fn quantising_rounds_to_the_nearest_level_and_counts_what_it_cuts() {
     let camera = View { resolution_px: [40, 30], mm_per_px: [0.1; 2] };
     let rest = grey(&camera, 255);
-    let mut random = Random::new(2);
+    let mut random = Random(2);
     let region = Rect { x0: 3, y0: 5, x1: 38, y1: 29 };
     let planes = std::array::from_fn(|_| (0..region.area()).map(|_| random.within(-0.2, 1.2) as f32).collect());
     let light = Light { region, planes };
@@ -510,7 +510,7 @@ fn a_level_pad_darkens_in_proportion_to_its_displacement() {
 
 #[test]
 fn nothing_the_plan_allows_makes_light_that_is_not_finite() {
-    let mut random = Random::new(3);
+    let mut random = Random(3);
     // The finest pitch and the thickest pad that a sensor file may ask for, and usual ones.
     for (pitch, thickness) in [(1e-3 / 8192.0, 1e3), (0.03, 3.0), (1e4, 1e-2)] {
         for (intensity, level) in [(0.0, 0), (1.0, 255), (100.0, 0), (100.0, 255)] {

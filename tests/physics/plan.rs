@@ -15,8 +15,13 @@ pub fn repository() -> &'static Path {
 
 /// The plan of a job. What it names by path is relative to the repository.
 pub fn plan(job: &str) -> Plan {
+    plan_in(repository(), job)
+}
+
+/// The plan of a job. What it names by path is relative to the folder.
+pub fn plan_in(folder: &Path, job: &str) -> Plan {
     let mut problems = Diagnostics::default();
-    let written = config::read_text("job", job.to_owned(), repository(), &Overrides::default(), &mut problems);
+    let written = config::read_job_text("job", job.to_owned(), folder, &Overrides::default(), &mut problems);
     match Plan::resolve(written, problems) {
         Ok(plan) => plan,
         Err(report) => panic!("{report}"),

@@ -45,8 +45,8 @@ const MEASURED: [Measured; 3] = [
 const PLACES: [[f64; 2]; 5] = [[0.0, 0.0], [-0.2, -0.2], [0.2, -0.2], [-0.2, 0.2], [0.2, 0.2]];
 
 /// Direction and change at the rim of each channel, on average over [`PLACES`], and the radius of the contact in the middle.
-fn everywhere(simulator: &Simulator, of: &Measured, depth_mm: f64) -> ([(f64, f64); 3], f64) {
-    let presses = PLACES.map(|share| rendered(simulator, of, depth_mm, share));
+fn mean_of_places(simulator: &Simulator, of: &Measured, depth_mm: f64) -> ([(f64, f64); 3], f64) {
+    let presses = PLACES.map(|share| changes_at_rim(simulator, of, depth_mm, share));
     let mean = |channel: usize| {
         let [x, y] = [0, 1].map(|k| presses.iter().map(|(slopes, _)| slopes[channel][k]).sum::<f64>() / 5.0);
         (y.atan2(x).to_degrees(), x.hypot(y))
@@ -55,7 +55,7 @@ fn everywhere(simulator: &Simulator, of: &Measured, depth_mm: f64) -> ([(f64, f6
 }
 
 /// How each channel changes along x and y, at the rim of the disc, and the contact's radius.
-fn rendered(simulator: &Simulator, of: &Measured, depth_mm: f64, share: [f64; 2]) -> ([[f64; 2]; 3], f64) {
+fn changes_at_rim(simulator: &Simulator, of: &Measured, depth_mm: f64, share: [f64; 2]) -> ([[f64; 2]; 3], f64) {
     let (view, ball_radius_mm) = (*simulator.view(), of.ball_radius_mm);
     let [width, height] = view.resolution_px;
     let [middle_x, middle_y] = [0, 1].map(|k| share[k] * simulator.sensor().field_of_view_mm[k]);
@@ -95,13 +95,13 @@ fn each_colour_brightens_on_its_side_of_a_ball_and_as_strongly_as_on_real_sensor
         let (mut low, mut high) = (0.02, 3.0);
         for _ in 0..12 {
             let middle = 0.5 * (low + high);
-            if rendered(&simulator, measured, middle, PLACES[0]).1 < contact_radius_mm {
+            if changes_at_rim(&simulator, measured, middle, PLACES[0]).1 < contact_radius_mm {
                 low = middle
             } else {
                 high = middle
             }
         }
-        let (found, contact_mm) = everywhere(&simulator, measured, low);
+        let (found, contact_mm) = mean_of_places(&simulator, measured, low);
         println!("{preset}: depth {low:.2} mm, contact {contact_mm:.2} mm, {found:.0?} for {channels:?}");
         assert!((contact_mm / contact_radius_mm - 1.0).abs() < 0.1, "{preset}: contact of {contact_mm} mm");
         for ((direction, strength), (expected, expected_strength)) in found.into_iter().zip(channels) {

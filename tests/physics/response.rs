@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::simd;
-use gelsim_core::gelpad::elastic::convolve::Lengths;
+use gelsim_core::gelpad::elastic::convolve::FftPlans;
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
-use gelsim_core::gelpad::elastic::response::{Memory, Operator, Response};
+use gelsim_core::gelpad::elastic::response::{Operator, OperatorBuffers, PressureResponse};
 
-use super::support::Random;
+use crate::shapes::Random;
 
 /// Thickness, mm, Poisson ratio, pixels, mm; the grids of all levels at 640x480 and 320x240, and pixels that are not square.
 const CASES: [(f64, f64, [f64; 2]); 9] = [
@@ -44,7 +44,7 @@ fn pressures(width: usize, height: usize, random: &mut Random) -> [(&'static str
 }
 
 fn displaced(operator: &Operator<'_>, pressure: &Grid<f32>) -> Grid<f32> {
-    let (mut memory, mut displacement) = (Memory::default(), Grid::default());
+    let (mut memory, mut displacement) = (OperatorBuffers::default(), Grid::default());
     operator.prepare(&mut memory);
     operator.displace(pressure, &mut memory, &mut displacement);
     displacement
@@ -56,14 +56,14 @@ fn largest(values: impl Iterator<Item = f32>) -> f64 {
 
 #[test]
 fn near_and_far_field_are_the_whole_response() {
-    let mut random = Random::new(7);
+    let mut random = Random(7);
     let mut worst = 0.0_f64;
     for (thickness_mm, poisson_ratio, mm_per_px) in CASES {
         let layer = ElasticLayer { thickness_mm, poisson_ratio };
         let window = [330, 270];
-        let in_parts = Response::new(layer, mm_per_px, 7.0 * thickness_mm, window, 1.0);
-        let lengths = Arc::new(Lengths::new(2 * window[0] + 16));
-        let in_one = Response::of(layer, mm_per_px, in_parts.kernel().clone(), lengths);
+        let in_parts = PressureResponse::new(layer, mm_per_px, 7.0 * thickness_mm, window, 1.0);
+        let lengths = Arc::new(FftPlans::new(2 * window[0] + 16));
+        let in_one = PressureResponse::from_kernel(layer, mm_per_px, in_parts.kernel().clone(), lengths);
         let targets = [Rect { x0: 71, y0: 45, x1: 200, y1: 150 }, Rect { x0: 3, y0: 0, x1: 327, y1: 270 }];
         let source = Rect { x0: 85, y0: 50, x1: 190, y1: 147 };
         for (source, target) in [(targets[0], targets[0]), (source, targets[0]), (source, targets[1])] {
@@ -90,13 +90,13 @@ fn near_and_far_field_are_the_whole_response() {
 fn pixels_too_coarse_or_too_long_and_tight_tolerances_take_the_whole_response() {
     let window = [200, 160];
     let whole = Rect::whole(60, 50);
-    let pressure = pressures(60, 50, &mut Random::new(8))[0].1.clone();
+    let pressure = pressures(60, 50, &mut Random(8))[0].1.clone();
     let cases = [(0.2, [0.05; 2], 1.0), (3.0, [0.02, 0.2], 1.0), (1e-3, [0.05; 2], 1.0), (3.0, [0.05; 2], 0.05)];
     for (thickness_mm, mm_per_px, tolerance_um) in cases {
         let layer = ElasticLayer { thickness_mm, poisson_ratio: 0.48 };
-        let response = Response::new(layer, mm_per_px, 7.0 * thickness_mm, window, tolerance_um);
-        let lengths = Arc::new(Lengths::new(2 * window[0] + 16));
-        let in_one = Response::of(layer, mm_per_px, response.kernel().clone(), lengths);
+        let response = PressureResponse::new(layer, mm_per_px, 7.0 * thickness_mm, window, tolerance_um);
+        let lengths = Arc::new(FftPlans::new(2 * window[0] + 16));
+        let in_one = PressureResponse::from_kernel(layer, mm_per_px, response.kernel().clone(), lengths);
         let [found, expected] = [&response, &in_one].map(|one| displaced(&one.operator(whole, whole), &pressure));
         assert_eq!(found, expected, "h {thickness_mm}, {mm_per_px:?}");
         assert!(found.data.iter().all(|w| w.is_finite()));
@@ -106,13 +106,13 @@ fn pixels_too_coarse_or_too_long_and_tight_tolerances_take_the_whole_response() 
 #[test]
 fn undoing_a_displacement_gives_about_the_pressure() {
     let layer = ElasticLayer { thickness_mm: 3.0, poisson_ratio: 0.3 };
-    let response = Response::new(layer, [0.0625; 2], 21.0, [330, 270], 1.0);
+    let response = PressureResponse::new(layer, [0.0625; 2], 21.0, [330, 270], 1.0);
     let whole = Rect::whole(130, 110);
     let operator = response.operator(whole, whole);
-    let mut memory = Memory::default();
+    let mut memory = OperatorBuffers::default();
     operator.prepare(&mut memory);
     // Nothing is cut off.
-    operator.prepare_undo(0.0, &mut memory);
+    operator.prepare_inverse(0.0, &mut memory);
     let pressure = Grid {
         width: 130,
         height: 110,
@@ -125,7 +125,7 @@ fn undoing_a_displacement_gives_about_the_pressure() {
     };
     let (mut displacement, mut back) = (Grid::default(), Grid::default());
     operator.displace(&pressure, &mut memory, &mut displacement);
-    operator.undo(&displacement, &mut memory, &mut back);
+    operator.apply_inverse(&displacement, &mut memory, &mut back);
     let error = largest(back.data.iter().zip(&pressure.data).map(|(found, p)| found - p));
     println!("response: a pressure comes back within {error:.2} of its largest");
     assert!(error < 0.3, "{error}");

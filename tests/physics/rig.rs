@@ -6,7 +6,7 @@ use gelsim_core::base::view::View;
 use gelsim_core::depth::Depth;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
-use gelsim_core::gelpad::elastic::{Elastic, Pad};
+use gelsim_core::gelpad::elastic::{Elastic, ElasticPad};
 use gelsim_files::sensor::Sensor;
 
 pub const RESOLUTIONS: [Resolution; 3] = [Resolution::Full, Resolution::Half, Resolution::Quarter];
@@ -54,23 +54,23 @@ impl Setup {
             ..Sensor::default()
         };
         let camera = View { resolution_px: self.resolution_px, mm_per_px: self.mm_per_px };
-        Rig { setup: self, pad: Pad::new(&self.elastic, &sensor.material(), &camera) }
+        Rig { setup: self, pad: ElasticPad::new(&self.elastic, &sensor.gelpad_material(), &camera) }
     }
 }
 
 /// A pad that is ready to be pressed.
 pub struct Rig {
     pub setup: Setup,
-    pub pad: Pad,
+    pub pad: ElasticPad,
 }
 
 impl Rig {
     pub fn margin_px(&self) -> usize {
-        self.pad.window(0.0).margin_px
+        self.pad.capture_window(0.0).margin_px
     }
 
-    /// The depth map of an object that is `overlap(x, y)` mm below the undeformed pad; x and y in mm from the view's
-    /// middle.
+    /// The depth map of an object that is `penetration(x, y)` mm below the undeformed pad; x and y in mm from the
+    /// view's middle.
     pub fn depth(&self, penetration: impl Fn(f64, f64) -> f64) -> Depth {
         let Setup { resolution_px, mm_per_px, .. } = self.setup;
         let margin = self.margin_px();

@@ -9,9 +9,10 @@ use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
 
-use super::oracle::Scenery;
-use super::support::{Shape, matrix, member, moved, position};
+use super::support::{member, position};
+use crate::oracle::scenery::Scenery;
 use crate::plan::plan;
+use crate::shapes::{Shape, matrix, moved};
 
 const FACES: [(&str, [f64; 3]); 6] = [
     ("-x", [-1.0, 0.0, 0.0]),
@@ -54,7 +55,11 @@ fn the_labels_pose_puts_the_mesh_where_the_depth_map_shows_it() {
             let sample = render(&plan, index);
             let label = written_label(&plan, &sample);
             let length: f64 = label.pose.quaternion_xyzw.iter().map(|q| q * q).sum();
-            assert!((length - 1.0).abs() < 1e-12 && label.pose.quaternion_xyzw[3] >= 0.0);
+            assert!(
+                (length - 1.0).abs() < 1e-12 && label.pose.quaternion_xyzw[3] >= 0.0,
+                "{:?}",
+                label.pose.quaternion_xyzw
+            );
 
             let placement = placement(&label);
             let lowest = shape.vertices.iter().map(|&q| moved(&placement, q)[2]).fold(f64::INFINITY, f64::min);
@@ -86,7 +91,7 @@ fn a_known_corner_is_seen_where_the_label_puts_it() {
         let placement = placement(&written_label(&plan, &sample));
         let corners = shape.vertices.iter().map(|&q| moved(&placement, q));
         let [x, y, z] = corners.min_by(|a, b| a[2].total_cmp(&b[2])).expect("a mesh has corners");
-        assert!((z + 2.0).abs() < 1e-6);
+        assert!((z + 2.0).abs() < 1e-6, "{z}");
         let margin = sample.impression.depth.margin_px;
         let (mut deepest, mut seen) = (0.0, [0.0; 2]);
         for row in 0..72 {
@@ -194,8 +199,8 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
                 .collect();
             let count = touching.len() as f64;
             assert_eq!(contact.in_contact, count > 0.0);
-            assert!((contact.area_mm2 - count * pitch_x * pitch_y).abs() < 1e-9);
-            assert!((contact.fraction - count / (96.0 * 72.0)).abs() < 1e-12);
+            assert!((contact.area_mm2 - count * pitch_x * pitch_y).abs() < 1e-9, "{count} px: {}", contact.area_mm2);
+            assert!((contact.fraction - count / (96.0 * 72.0)).abs() < 1e-12, "{count} px: {}", contact.fraction);
             if touching.is_empty() {
                 assert_eq!((contact.centroid_mm, contact.bbox_px, contact.max_depth_mm), ([0.0; 2], [0; 4], 0.0));
                 continue;
@@ -205,7 +210,7 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
             let mean = |values: &mut dyn Iterator<Item = u32>| values.map(f64::from).sum::<f64>() / count;
             let centroid = position(plan.simulator.view(), mean(&mut columns()), mean(&mut rows()));
             for (found, expected) in contact.centroid_mm.into_iter().zip(centroid) {
-                assert!((found - expected).abs() < 1e-9);
+                assert!((found - expected).abs() < 1e-9, "{found} {expected}");
             }
             let bounds = [columns().min(), rows().min(), columns().max().map(|x| x + 1), rows().max().map(|y| y + 1)];
             assert_eq!(contact.bbox_px.map(Some), bounds);

@@ -136,9 +136,9 @@ fn a_ball_that_rolls_goes_on_without_being_pulled() {
     );
     // A turn about +y takes the top of the ball to +x.
     assert!((rolled / (RADIUS_MM * 20.0_f64.to_radians()) - 1.0).abs() < 0.03, "{rolled}");
-    assert!((to[1] - from[1]).abs() < 0.05);
+    assert!((to[1] - from[1]).abs() < 0.05, "{from:?} {to:?}");
     assert!(x.hypot(y) < 0.1 * 0.5 * normal, "{x} {y}");
-    assert!((normal / force(before)[2] - 1.0).abs() < 0.01);
+    assert!((normal / force(before)[2] - 1.0).abs() < 0.01, "{normal} {:?}", force(before));
 }
 
 #[test]
@@ -151,7 +151,7 @@ fn a_push_out_and_back_leaves_force_and_motion_behind() {
     let most = flow.iter().map(|[x, _]| x.abs()).fold(0.0, f32::max);
     assert!(most > 0.02, "{most}");
     let heat: f64 = label.frames.iter().map(|frame| frame.slip.dissipated_nmm).sum();
-    assert!(heat > 0.0);
+    assert!(heat > 0.0, "{heat}");
     // Held by much friction it comes back to where it was.
     let (label, _) = run(&Setup { friction: 10.0, ..SETUP }, &phases);
     let [x, _, normal] = force(last(&label));

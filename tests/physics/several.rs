@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use gelsim_core::base::grid::Grid;
 use gelsim_core::depth::outline::{Outline, SIDES};
-use gelsim_core::depth::{self, Window};
+use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_core::effects::EffectPolicy;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::mesh::Mesh;
@@ -14,16 +14,17 @@ use gelsim_files::image_file;
 use gelsim_job::label::Label;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::{Sample, render};
-use gelsim_job::scene::{Pressed, Scene};
+use gelsim_job::scene::{PressSource, Scene};
 
-use super::support::{Random, Shape, matrix, member, moved};
+use super::support::member;
 use crate::plan::{plan, repository};
+use crate::shapes::{Random, Shape, matrix, moved};
 use gelsim_core::pose::Placement;
 
 const OBJECTS: [&str; 6] = ["cube", "letter", "hexagon_nut", "sphere", "prism_corner", "key"];
 
 /// A job of up to five objects in a press of 20 x 15 mm.
-fn crowd(seed: u64, objects: &str, pose: &str, more: &str) -> Plan {
+fn plan_of_several(seed: u64, objects: &str, pose: &str, more: &str) -> Plan {
     let meshes: String = OBJECTS
         .iter()
         .map(|name| format!("[[object]]\npath = \"objects/{name}.obj\"\nscale = [0.15, 0.6]\n"))
@@ -95,7 +96,7 @@ fn placed(object: &gelsim_job::label::PressedLabel) -> (Vec<[f64; 2]>, f64) {
 fn no_object_overlaps_another_whatever_is_drawn() {
     let (mut pairs, mut closest) = (0, f64::INFINITY);
     for (number, pose) in POSES.iter().enumerate() {
-        let plan = crowd(number as u64, "[2, 5]", pose, "");
+        let plan = plan_of_several(number as u64, "[2, 5]", pose, "");
         for index in 0..60 {
             let sample = render_label(&plan, index);
             let hulls: Vec<_> = sample.objects.iter().map(placed).collect();
@@ -121,7 +122,7 @@ fn render_label(plan: &Plan, index: u64) -> Label {
 
 #[test]
 fn an_outline_parts_what_an_exact_test_parts_but_for_its_angle() {
-    let mut random = Random::new(4);
+    let mut random = Random(4);
     let delta = std::f64::consts::PI / SIDES as f64;
     let (mut apart, mut missed) = (0, 0);
     for case in 0..2000 {
@@ -163,12 +164,14 @@ fn an_outline_parts_what_an_exact_test_parts_but_for_its_angle() {
 /// Numbers of objects by the oracle: which one, captured alone, reaches lowest at each pixel; 0 where none touches.
 fn lowest_of(scene: &Scene, plan: &Plan, sample: &Sample) -> Vec<u8> {
     let view = plan.simulator.view();
-    let window = Window { margin_px: 0, above_mm: plan.thickness_mm() };
+    let window = CaptureWindow { margin_px: 0, above_mm: plan.thickness_mm() };
     let first = (Arc::clone(scene.clusters.as_ref().expect("an object")), scene.pose);
-    let others = scene.others.iter().map(|other| (Arc::clone(&other.clusters), other.pose));
+    let others = scene.other_objects.iter().map(|other| (Arc::clone(&other.clusters), other.pose));
     let alone: Vec<Grid<f32>> = std::iter::once(first)
         .chain(others)
-        .map(|(object, pose)| depth::capture(&object, &pose.placement(), view, window, plan.thickness_mm()).penetration)
+        .map(|(object, pose)| {
+            depth::capture_mesh(&object, &pose.placement(), view, window, plan.thickness_mm()).penetration
+        })
         .collect();
     let together = sample.impression.depth.below_pad();
     let off = |at: usize| (together.data[at] - alone.iter().map(|alone| alone.data[at]).fold(0.0, f32::max)).abs();
@@ -186,10 +189,10 @@ fn lowest_of(scene: &Scene, plan: &Plan, sample: &Sample) -> Vec<u8> {
 fn each_pixel_belongs_to_the_object_that_reaches_lowest_there() {
     let mut seen = [0_usize; 6];
     for (number, pose) in POSES.iter().enumerate() {
-        let plan = crowd(40 + number as u64, "[1, 5]", pose, "");
+        let plan = plan_of_several(40 + number as u64, "[1, 5]", pose, "");
         for index in 0..25 {
             let (scene, sample) = (Scene::draw(&plan, index, 0), render(&plan, index));
-            let (found, expected) = (sample.instances(), lowest_of(&scene, &plan, &sample));
+            let (found, expected) = (sample.instance_map(), lowest_of(&scene, &plan, &sample));
             assert_eq!(found, expected, "sample {index} under {pose}");
             found.iter().for_each(|number| seen[usize::from(*number)] += 1);
         }
@@ -202,7 +205,7 @@ fn each_pixel_belongs_to_the_object_that_reaches_lowest_there() {
 fn the_mask_of_instances_is_that_of_the_contact_through_any_lens() {
     for lens in ["", "[camera]\ndistortion_k1 = -0.12\n"] {
         let more = format!("{lens}[output]\nlayers = [\"contact\", \"instance\"]\n");
-        let plan = crowd(5, "4", POSES[0], &more);
+        let plan = plan_of_several(5, "4", POSES[0], &more);
         for index in 0..8 {
             let sample = render(&plan, index);
             let grey = |layer: &str| {
@@ -231,12 +234,13 @@ fn the_mask_of_instances_is_that_of_the_contact_through_any_lens() {
 #[test]
 fn the_objects_shares_sum_to_the_contact() {
     for fidelity in ["draft", "standard", "paper"] {
-        let plan = crowd(9, "[1, 4]", POSES[1], "").with_fidelity(Fidelity::named(fidelity).expect("a level"));
+        let plan =
+            plan_of_several(9, "[1, 4]", POSES[1], "").with_fidelity(Fidelity::named(fidelity).expect("a level"));
         for index in 0..12 {
             let label = render_label(&plan, index);
             let near = |found: f64, whole: f64| (found - whole).abs() <= 1e-12 * (1.0 + whole.abs());
             let contacts = || label.objects.iter().map(|object| &object.contact);
-            assert!(near(contacts().map(|own| own.area_mm2).sum(), label.contact.area_mm2));
+            assert!(near(contacts().map(|own| own.area_mm2).sum(), label.contact.area_mm2), "{:?}", label.contact);
             assert_eq!(contacts().any(|own| own.in_contact), label.contact.in_contact);
             let deepest = contacts().map(|own| own.max_depth_mm).fold(0.0, f64::max);
             assert_eq!(deepest, label.contact.max_depth_mm, "sample {index} at {fidelity}");
@@ -290,7 +294,7 @@ fn two_balls_far_apart_press_like_each_of_them_alone() {
 
 #[test]
 fn a_job_of_one_object_has_the_images_of_a_job_without_a_scene() {
-    let with = crowd(21, "1", POSES[1], "[output]\nlayers = [\"depth\", \"contact\", \"pressure\"]\n");
+    let with = plan_of_several(21, "1", POSES[1], "[output]\nlayers = [\"depth\", \"contact\", \"pressure\"]\n");
     let written = with.to_toml().expect("TOML");
     let without = plan(&written.replace("[scene]\nobjects_per_sample = 1\n", ""));
     assert!(with.job().scene.is_some() && without.job().scene.is_none());
@@ -299,20 +303,22 @@ fn a_job_of_one_object_has_the_images_of_a_job_without_a_scene() {
         for layer in ["tactile.png", "depth.exr", "contact.png", "pressure.exr", "json"] {
             assert_eq!(member(&with, &samples[0], layer), member(&without, &samples[1], layer), "{layer} of {index}");
         }
-        let instances = samples[0].instances();
+        let instances = samples[0].instance_map();
         assert!(instances.iter().zip(samples[0].impression.contact_mask()).all(|(own, mask)| *own == mask / 255));
     }
 }
 
 #[test]
 fn the_first_object_is_drawn_as_if_it_were_alone() {
-    let (several, one) = (crowd(3, "[1, 4]", POSES[1], ""), crowd(3, "1", POSES[1], ""));
+    let (several, one) = (plan_of_several(3, "[1, 4]", POSES[1], ""), plan_of_several(3, "1", POSES[1], ""));
     let mut counts = [0; 5];
     for index in 0..200 {
         let [a, b] = [&several, &one].map(|plan| Scene::draw(plan, index, 0));
-        let (Pressed::Object(first), Pressed::Object(alone)) = (&a.pressed, &b.pressed) else { panic!("objects") };
+        let (PressSource::Object(first), PressSource::Object(alone)) = (&a.pressed, &b.pressed) else {
+            panic!("objects")
+        };
         assert_eq!((first, a.pose, a.scale, a.indentation_depth_mm), (alone, b.pose, b.scale, b.indentation_depth_mm));
-        counts[1 + a.others.len() + a.unplaced as usize] += 1;
+        counts[1 + a.other_objects.len() + a.unplaced as usize] += 1;
     }
     // 50 of each are expected, give or take 6.
     assert!(counts[0] == 0 && counts[1..].iter().all(|count| (30..=70).contains(count)), "{counts:?}");
@@ -320,7 +326,7 @@ fn the_first_object_is_drawn_as_if_it_were_alone() {
 
 #[test]
 fn companions_are_of_the_samples_own_split() {
-    let text = crowd(8, "3", POSES[0], "").to_toml().expect("TOML");
+    let text = plan_of_several(8, "3", POSES[0], "").to_toml().expect("TOML");
     assert!(text.contains("split_by = \"sample\""));
     let text = text.replace("split_by = \"sample\"", "split_by = \"object\"");
     let start = text.find("[dataset.splits]").expect("splits");
@@ -330,8 +336,8 @@ fn companions_are_of_the_samples_own_split() {
     let mut by_object = std::collections::BTreeMap::new();
     for index in 0..200 {
         let scene = Scene::draw(&plan, index, 0);
-        let Pressed::Object(first) = scene.pressed else { panic!("an object") };
-        for number in std::iter::once(first).chain(scene.others.iter().map(|other| other.number)) {
+        let PressSource::Object(first) = scene.pressed else { panic!("an object") };
+        for number in std::iter::once(first).chain(scene.other_objects.iter().map(|other| other.number)) {
             let split = by_object.entry(number).or_insert(scene.split);
             assert_eq!(*split, scene.split, "object {number} of sample {index}");
         }
@@ -342,12 +348,12 @@ fn companions_are_of_the_samples_own_split() {
 #[test]
 fn all_effects_make_the_same_image_of_several_objects() {
     let more = "[texture]\namplitude_mm = 0.03\nscale_mm = 1.0\npatterns = [\"noise\"]\n";
-    let plan = crowd(6, "3", POSES[0], more);
+    let plan = plan_of_several(6, "3", POSES[0], more);
     let all = plan.with_policy(EffectPolicy::All);
     for index in 0..4 {
         let [gated, all] = [&plan, &all].map(|plan| render(plan, index));
         assert_eq!(gated.impression.image.rgb, all.impression.image.rgb, "sample {index}");
-        assert_eq!(gated.instances(), all.instances());
+        assert_eq!(gated.instance_map(), all.instance_map());
         assert_eq!(gated.label.objects, all.label.objects);
     }
 }
@@ -366,10 +372,11 @@ fn objects_on_a_gel_that_is_not_flat_are_told_apart_by_their_places_on_it() {
         let (scene, sample) = (Scene::draw(&plan, index, 0), render(&plan, index));
         assert_ne!(scene.plane, PadPlane::default());
         // Where the image shows the gel at an object, that object is above it: nearest by its mesh.
-        let (points, instances) = (sample.impression.points_mm(), sample.instances());
+        let (points, instances) = (sample.impression.points_mm(), sample.instance_map());
         let first = (Arc::clone(scene.clusters.as_ref().expect("an object")), scene.pose);
-        let objects: Vec<_> =
-            std::iter::once(first).chain(scene.others.iter().map(|o| (Arc::clone(&o.clusters), o.pose))).collect();
+        let objects: Vec<_> = std::iter::once(first)
+            .chain(scene.other_objects.iter().map(|o| (Arc::clone(&o.clusters), o.pose)))
+            .collect();
         let distance = |(object, pose): &(Arc<Clusters>, Pose), point: glam::DVec3| {
             let own = pose.rotation.transpose() * (point - pose.translation_mm);
             gelsim_core::mesh::nearest::nearest_point(object, own).distance(own)

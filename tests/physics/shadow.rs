@@ -3,9 +3,9 @@
 use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::simd::scalar_only;
 use gelsim_core::base::view::SURFACE_BORDER;
-use gelsim_core::optics::shadow::{Caster, Scratch, Steepest, visible};
+use gelsim_core::optics::shadow::{ShadowCaster, ShadowScratch, SteepestSlopes, compute_visible_shares};
 
-use super::support::Random;
+use crate::shapes::Random;
 
 const AZIMUTHS: [f64; 10] = [0.0, 90.0, 180.0, 270.0, 30.0, 45.0, 120.0, 240.0, 277.3, 341.0];
 
@@ -19,8 +19,8 @@ struct Led {
 }
 
 impl Led {
-    fn caster(self) -> Caster {
-        Caster::new(self.azimuth, self.elevation, [self.size; 2], self.pitch)
+    fn caster(self) -> ShadowCaster {
+        ShadowCaster::new(self.azimuth, self.elevation, [self.size; 2], self.pitch)
     }
 
     fn slopes(self) -> [f64; 2] {
@@ -29,14 +29,14 @@ impl Led {
 }
 
 /// What a part of the view sees of the LED.
-fn seen(led: Led, surface: &Grid<f32>, region: Rect, scratch: &mut Scratch) -> Vec<f32> {
-    visible(&[Some(led.caster())], surface, region, scratch).remove(0)
+fn visible_shares(led: Led, surface: &Grid<f32>, region: Rect, scratch: &mut ShadowScratch) -> Vec<f32> {
+    compute_visible_shares(&[Some(led.caster())], surface, region, scratch).remove(0)
 }
 
 /// What the view sees of the LED.
 fn shares(led: Led, surface: &Grid<f32>) -> Grid<f32> {
     let (width, height) = (surface.width - 2 * SURFACE_BORDER, surface.height - 2 * SURFACE_BORDER);
-    let data = seen(led, surface, Rect::whole(width, height), &mut Scratch::default());
+    let data = visible_shares(led, surface, Rect::whole(width, height), &mut ShadowScratch::default());
     Grid { width, height, data }
 }
 
@@ -130,7 +130,7 @@ fn dent(x: f64, y: f64, radius: f64, depth: f64) -> f64 {
 
 /// A dent, an upright block, and bumps and hollows that reach beyond the view.
 fn surfaces() -> [Grid<f32>; 3] {
-    let mut random = Random::new(5);
+    let mut random = Random(5);
     let bump = |_| [(0.0, 97.0), (0.0, 83.0), (2.0, 9.0), (-0.2, 0.7)].map(|(min, max)| random.within(min, max));
     let bumps: Vec<[f64; 4]> = (0..12).map(bump).collect();
     let block = |x, y| (30.0..60.0).contains(&x) && (25.0..50.0).contains(&y);
@@ -197,7 +197,7 @@ fn a_wall_casts_a_shadow_of_its_height_over_the_tangent_with_a_linear_penumbra()
 }
 
 /// Share of a disc's width that a straight edge hides, the edge `aside` half widths from its middle.
-fn hidden(aside: f64) -> f64 {
+fn share_behind_edge(aside: f64) -> f64 {
     let a = aside.clamp(-1.0, 1.0);
     0.5 - (a * (1.0 - a * a).sqrt() + a.asin()) / std::f64::consts::PI
 }
@@ -224,7 +224,7 @@ fn a_long_shadows_side_softens_in_proportion_to_the_distance() {
                     .find(|(x, y)| seen_from(*x as f64, *y as f64) == (290.0 - distance, f64::from(aside)))
                     .unwrap();
                 let off = (149.5 - f64::from(aside)) / half_px;
-                let (share, expected) = (f64::from(found.at(x, y)), 1.0 - hidden(off));
+                let (share, expected) = (f64::from(found.at(x, y)), 1.0 - share_behind_edge(off));
                 let edge = 0.5 / half_px.max(1.0);
                 assert!(
                     (share - expected).abs() < 0.06 + edge,
@@ -257,7 +257,7 @@ fn no_shadow_reaches_further_than_said() {
         let led = Led { azimuth, elevation: 14.0, size: 8.0, pitch: [0.03, 0.04] };
         let inside = |x: f64, y: f64| ((x - 80.0) * 0.03).hypot((y - 60.0) * 0.04);
         let surface = surface_of(161, 121, |x, y| if inside(x, y) < 0.3 { 0.25 } else { 0.0 });
-        let [[left, right], [up, down]] = led.caster().shadow_px(0.25);
+        let [[left, right], [up, down]] = led.caster().shadow_extent_px(0.25);
         let found = shares(led, &surface);
         let mut furthest = 0.0_f64;
         for at in (0..found.data.len()).filter(|at| found.data[*at] < 1.0) {
@@ -272,13 +272,13 @@ fn no_shadow_reaches_further_than_said() {
         let reach = 0.25 / led.slopes()[0];
         assert!(furthest > 0.8 * reach, "{azimuth}: {furthest} of {reach}");
     }
-    let caster = Caster::new(0.0, 0.0, [0.0; 2], [1.0; 2]);
-    assert!(caster.shadow_px(1.0)[0][0].is_finite() && caster.shadow_px(-1.0) == [[0.0; 2]; 2]);
+    let caster = ShadowCaster::new(0.0, 0.0, [0.0; 2], [1.0; 2]);
+    assert!(caster.shadow_extent_px(1.0)[0][0].is_finite() && caster.shadow_extent_px(-1.0) == [[0.0; 2]; 2]);
 }
 
 #[test]
 fn an_led_that_casts_nothing_is_seen_whole_everywhere() {
-    let mut random = Random::new(11);
+    let mut random = Random(11);
     let mut counts = [0; 2];
     for _ in 0..3000 {
         let [width, height] = [1 + random.below(14), 1 + random.below(14)];
@@ -299,7 +299,7 @@ fn an_led_that_casts_nothing_is_seen_whole_everywhere() {
             let most = slope * pitch[0].min(pitch[1]);
             surface.data.iter_mut().for_each(|value| *value = random.within(0.0, most) as f32);
         }
-        let casts = led.caster().casts(&Steepest::new(&surface, pitch));
+        let casts = led.caster().casts_shadow(&SteepestSlopes::new(&surface, pitch));
         counts[usize::from(casts)] += 1;
         let found = shares(led, &surface);
         assert!(casts || found.data.iter().all(|share| *share == 1.0), "{led:?}, slope {slope}");
@@ -316,7 +316,7 @@ fn a_slope_casts_exactly_if_it_rises_faster_than_the_lowest_ray() {
         for (share_of_lowest, expected) in [(0.98, false), (1.02, true), (-3.0, false)] {
             let slope = share_of_lowest * led.slopes()[0];
             let surface = surface_of(40, 30, |x, y| slope * (x * pitch[0] * cos + y * pitch[1] * sin));
-            let casts = led.caster().casts(&Steepest::new(&surface, pitch));
+            let casts = led.caster().casts_shadow(&SteepestSlopes::new(&surface, pitch));
             assert_eq!(casts, expected, "{azimuth}, {share_of_lowest}");
             assert_eq!(shares(led, &surface).data.iter().any(|share| *share < 1.0), expected);
         }
@@ -325,12 +325,12 @@ fn a_slope_casts_exactly_if_it_rises_faster_than_the_lowest_ray() {
 
 #[test]
 fn the_steepest_rises_are_those_of_a_plain_loop() {
-    let mut random = Random::new(3);
+    let mut random = Random(3);
     for [width, height] in [[1, 1], [1, 7], [7, 1], [17, 3], [33, 35], [101, 64]] {
         let data = (0..width * height).map(|_| random.within(-2.0, 1.0) as f32).collect();
         let surface = Grid { width, height, data };
-        let found = Steepest::new(&surface, [0.5, 0.25]);
-        let mut expected = Steepest { longest_px: width.max(height), ..Steepest::default() };
+        let found = SteepestSlopes::new(&surface, [0.5, 0.25]);
+        let mut expected = SteepestSlopes { longest_px: width.max(height), ..SteepestSlopes::default() };
         let [mut highest, mut lowest] = [0.0_f32; 2];
         for y in 0..height {
             for x in 0..width {
@@ -386,7 +386,7 @@ fn mirrored_and_transposed_surfaces_have_mirrored_and_transposed_shadows() {
 
 #[test]
 fn a_part_of_the_view_has_the_shadows_of_the_whole() {
-    let mut scratch = Scratch::default();
+    let mut scratch = ShadowScratch::default();
     for surface in surfaces() {
         for azimuth in AZIMUTHS {
             let led = Led { azimuth, elevation: 10.0, size: 5.0, pitch: [0.05, 0.06] };
@@ -394,10 +394,10 @@ fn a_part_of_the_view_has_the_shadows_of_the_whole() {
             for rect in [[0, 0, 97, 83], [0, 0, 2, 83], [95, 3, 97, 83], [40, 41, 41, 42], [13, 17, 50, 80]] {
                 let [x0, y0, x1, y1] = rect;
                 let region = Rect { x0, y0, x1, y1 };
-                let part = seen(led, &surface, region, &mut scratch);
+                let part = visible_shares(led, &surface, region, &mut scratch);
                 assert_eq!(part, whole.crop(region).data, "{azimuth} {region:?}");
             }
-            assert!(seen(led, &surface, Rect::default(), &mut scratch).is_empty());
+            assert!(visible_shares(led, &surface, Rect::default(), &mut scratch).is_empty());
         }
     }
 }
@@ -408,7 +408,7 @@ fn a_micrometres_thousandth_moves_shares_little() {
         for azimuth in AZIMUTHS {
             let led = Led { azimuth, elevation: 10.0, size: 5.0, pitch: [0.05, 0.06] };
             let mut moved = surface.clone();
-            let mut random = Random::new(17);
+            let mut random = Random(17);
             moved.data.iter_mut().for_each(|height| *height += random.within(-1e-6, 1e-6) as f32);
             let (before, after) = (shares(led, &surface), shares(led, &moved));
             let changes = before.data.iter().zip(&after.data).map(|(a, b)| f64::from(a - b).abs());
@@ -422,7 +422,7 @@ fn a_micrometres_thousandth_moves_shares_little() {
 
 #[test]
 fn shares_are_shares_whatever_the_image_and_the_led() {
-    let mut random = Random::new(23);
+    let mut random = Random(23);
     let elevations = [0.0, 0.1, 45.0, 89.0, 90.0, -5.0, 200.0];
     for [width, height] in [[1, 1], [1, 640], [640, 1], [3, 5], [31, 37], [8, 16]] {
         for scale in [0.0, 1e-30, 1e-3, 1.0, 1e6, 1e30] {
@@ -458,7 +458,10 @@ fn narrow_processors_see_the_same_bits() {
         for azimuth in AZIMUTHS {
             let led = Led { azimuth, elevation: 8.5, size: 5.0, pitch: [0.05; 2] };
             assert_eq!(shares(led, &surface), scalar_only(|| shares(led, &surface)));
-            assert_eq!(Steepest::new(&surface, led.pitch), scalar_only(|| Steepest::new(&surface, led.pitch)));
+            assert_eq!(
+                SteepestSlopes::new(&surface, led.pitch),
+                scalar_only(|| SteepestSlopes::new(&surface, led.pitch))
+            );
         }
     }
 }

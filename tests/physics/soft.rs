@@ -9,15 +9,15 @@ use gelsim::{
 };
 use gelsim_core::base::grid::{Grid, Rect, Resolution};
 use gelsim_core::base::view::SURFACE_BORDER;
-use gelsim_core::depth::{Depth, Window};
+use gelsim_core::depth::{CaptureWindow, Depth};
 use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::Elastic;
-use gelsim_core::gelpad::elastic::inplane::Load;
+use gelsim_core::gelpad::elastic::in_plane::Load;
 use gelsim_core::pose::{Anchor, Angles, Side};
 
 use super::reference_solutions as reference;
 use super::rig::{OBJECTS, RESOLUTIONS, Rig, Setup};
-use super::support::Shape;
+use crate::shapes::Shape;
 
 const YOUNG: f64 = 100.0;
 const RADIUS: f64 = 10.0;
@@ -41,11 +41,11 @@ fn made_of(youngs_modulus_kpa: f64, poisson_ratio: f64) -> ObjectMaterial {
 }
 
 /// The press of an object that is not rigid, and the shape that it takes.
-fn press(rig: &Rig, material: &ObjectMaterial, overlap: impl Fn(f64, f64) -> f64) -> (Depth, Contact) {
-    let pad = rig.pad.under(material.friction, material.soft);
-    let window = Window { margin_px: rig.margin_px(), above_mm: rig.setup.thickness_mm };
-    let yielded = pad.yielded(&rig.depth(overlap), None, window).expect("an object that gives way");
-    assert!(yielded.solved);
+fn press(rig: &Rig, material: &ObjectMaterial, penetration: impl Fn(f64, f64) -> f64) -> (Depth, Contact) {
+    let pad = rig.pad.with_object_material(material.friction, material.soft);
+    let window = CaptureWindow { margin_px: rig.margin_px(), above_mm: rig.setup.thickness_mm };
+    let yielded = pad.deform_object(&rig.depth(penetration), None, window).expect("an object that gives way");
+    assert!(yielded.converged);
     let contact = pad.press(&yielded.depth);
     assert!(contact.numerics.converged, "{:?}", contact.numerics);
     (yielded.depth, contact)
@@ -158,7 +158,7 @@ fn sensor(size: usize, mm_per_px: f64) -> Sensor {
 }
 
 fn indenter(depth_mm: f64) -> Indenter {
-    let ball = Arc::new(Shape::ball(30.0, 160, 160).clusters());
+    let ball = Arc::new(Shape::ball_around_origin(30.0, 160, 160).clusters());
     let level = Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
     let pose = Pose::new(Side::MinusZ, level, [2.0, 1.0], Anchor::Bounds, -depth_mm, &ball);
     Indenter::clusters(ball, pose)
@@ -206,7 +206,7 @@ fn an_objects_own_friction_takes_the_place_of_the_models_where_it_has_any() {
         let elastic = Elastic { friction: of_model, ..Elastic::default() };
         let rig = Setup { elastic, ..Setup::default() }.rig();
         let depth = rig.depth(|x, y| 0.6 - (x * x + y * y) / 6.0);
-        rig.pad.under(of_object, None).press(&depth).surface.data
+        rig.pad.with_object_material(of_object, None).press(&depth).surface.data
     };
     let rough = Some(Friction::Coulomb { coefficient: 0.5 });
     let smooth = Some(Friction::Coulomb { coefficient: 0.0 });

@@ -8,12 +8,11 @@ use gelsim_core::base::light::Light;
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::base::view::View;
 use gelsim_core::camera::Image;
-use gelsim_core::depth::raster::{Canvas, Projection};
-use gelsim_core::depth::{self, Depth, Window};
+use gelsim_core::depth::raster::{Canvas, OrthographicProjection};
+use gelsim_core::depth::{self, CaptureWindow, Depth};
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::gelpad::mean_blur::{self, MeanBlur};
 use gelsim_core::gelpad::{self, Contact, Numerics, Pad};
-use gelsim_core::mesh::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_core::optics::led::Led;
@@ -21,137 +20,9 @@ use gelsim_core::optics::phong::{Phong, Shadows};
 use gelsim_core::optics::{self, Shader};
 use gelsim_core::pose::Placement;
 use gelsim_dataset::encode;
-use gelsim_files::mesh;
 use gelsim_files::sensor::Sensor;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
-
-/// Random numbers that are the same on every run and machine (SplitMix64).
-pub struct Random(u64);
-
-impl Random {
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// Uniform in [0, 1).
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut bits = self.0;
-        bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((bits ^ bits >> 31) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub fn within(&mut self, min: f64, max: f64) -> f64 {
-        min + (max - min) * self.unit()
-    }
-
-    pub fn below(&mut self, count: usize) -> usize {
-        (self.unit() * count as f64) as usize
-    }
-
-    /// A rotation matrix, every one as likely as the others (Shoemake 1992).
-    pub fn rotation(&mut self) -> [[f64; 3]; 3] {
-        let (u, v, w) = (self.unit(), self.within(0.0, std::f64::consts::TAU), self.within(0.0, std::f64::consts::TAU));
-        let (a, b) = ((1.0 - u).sqrt(), u.sqrt());
-        matrix([a * v.sin(), a * v.cos(), b * w.sin(), b * w.cos()])
-    }
-}
-
-/// Rows of the rotation matrix of a unit quaternion x, y, z, w.
-pub fn matrix([x, y, z, w]: [f64; 4]) -> [[f64; 3]; 3] {
-    [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-}
-
-pub const UPRIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-
-/// Quarter turns about z.
-pub fn quarter_turn(quarters: usize) -> [[f64; 3]; 3] {
-    let (sin, cos) = [(0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0)][quarters % 4];
-    [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
-}
-
-/// `rotation * point + translation`.
-pub fn moved(placement: &Placement, point: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|k| {
-        let turned: f64 = placement.rotation[k].iter().zip(point).map(|(r, q)| r * q).sum();
-        turned + placement.translation_mm[k]
-    })
-}
-
-/// Triangles in the object's own frame, mm.
-#[derive(Clone)]
-pub struct Shape {
-    pub vertices: Vec<[f64; 3]>,
-    pub triangles: Vec<[u32; 3]>,
-}
-
-impl Shape {
-    /// Triangles that share no vertex.
-    pub fn soup(triangles: impl IntoIterator<Item = [[f64; 3]; 3]>) -> Self {
-        let vertices: Vec<[f64; 3]> = triangles.into_iter().flatten().collect();
-        let triangles = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        Self { vertices, triangles }
-    }
-
-    /// A sheet of `columns` x `rows` cells, each two triangles; `vertex` gives the corner in a column and row.
-    pub fn sheet(columns: usize, rows: usize, vertex: impl Fn(usize, usize) -> [f64; 3]) -> Self {
-        let vertices = (0..=rows).flat_map(|j| (0..=columns).map(move |i| (i, j))).map(|(i, j)| vertex(i, j)).collect();
-        let cell = |i: usize, j: usize| {
-            let a = (j * (columns + 1) + i) as u32;
-            let c = a + columns as u32 + 1;
-            // The diagonal changes from cell to cell.
-            if (i + j).is_multiple_of(2) {
-                [[a, a + 1, c], [a + 1, c + 1, c]]
-            } else {
-                [[a, a + 1, c + 1], [a, c + 1, c]]
-            }
-        };
-        let triangles = (0..rows).flat_map(|j| (0..columns).flat_map(move |i| cell(i, j))).collect();
-        Self { vertices, triangles }
-    }
-
-    /// A ball around the origin: `meridians` x `parallels` cells.
-    pub fn ball(radius: f64, meridians: usize, parallels: usize) -> Self {
-        use std::f64::consts::{PI, TAU};
-        Self::sheet(meridians, parallels, |i, j| {
-            let (azimuth, polar) = (i as f64 / meridians as f64 * TAU, j as f64 / parallels as f64 * PI);
-            [radius * polar.sin() * azimuth.cos(), radius * polar.sin() * azimuth.sin(), radius * polar.cos()]
-        })
-    }
-
-    /// A bundled object.
-    pub fn bundled(path: &Path) -> Self {
-        let mesh = match mesh::load(path, 1.0) {
-            Ok(loaded) => loaded.mesh,
-            Err(error) => panic!("{error}"),
-        };
-        let absolute = |v: &[f32; 3]| std::array::from_fn(|k| f64::from(v[k]) + mesh.centre_mm[k]);
-        Self { vertices: mesh.vertices.iter().map(absolute).collect(), triangles: mesh.triangles }
-    }
-
-    pub fn map(&self, change: impl Fn([f64; 3]) -> [f64; 3]) -> Self {
-        Self { vertices: self.vertices.iter().copied().map(change).collect(), triangles: self.triangles.clone() }
-    }
-
-    pub fn clusters(&self) -> Clusters {
-        match Mesh::new(self.vertices.clone(), self.triangles.clone()) {
-            Ok((mesh, _)) => Clusters::new(&mesh),
-            Err(error) => panic!("{error}"),
-        }
-    }
-
-    /// Its corners in the sensor's frame.
-    pub fn placed(&self, placement: &Placement) -> Vec<[[f64; 3]; 3]> {
-        let points: Vec<[f64; 3]> = self.vertices.iter().map(|&q| moved(placement, q)).collect();
-        self.triangles.iter().map(|corners| corners.map(|at| points[at as usize])).collect()
-    }
-}
 
 /// Every bundled mesh of a sensor's size, by name: slabs are wider than any.
 pub fn bundled_objects() -> Vec<PathBuf> {
@@ -166,7 +37,7 @@ pub fn bundled_objects() -> Vec<PathBuf> {
 }
 
 pub fn capture(object: &Clusters, placement: &Placement, camera: &View, margin_px: usize, thickness: f64) -> Depth {
-    depth::capture(object, placement, camera, Window { margin_px, above_mm: 0.0 }, thickness)
+    depth::capture_mesh(object, placement, camera, CaptureWindow { margin_px, above_mm: 0.0 }, thickness)
 }
 
 /// The rasteriser as this test binary compiles it, without the wide instructions that [`capture`] picks at run time.
@@ -174,8 +45,8 @@ pub fn capture(object: &Clusters, placement: &Placement, camera: &View, margin_p
 pub fn raster_without_dispatch(object: &Clusters, placement: &Placement, camera: &View, margin: usize) -> Grid<f32> {
     let [width, height] = camera.resolution_px.map(|px| px + 2 * margin);
     let mut heights = Grid::new(width, height);
-    let view = Projection::new(placement, camera, object.centre_mm());
-    depth::raster::raster(object, &view, Canvas { width, height, ceiling: 0.0, margin }, &mut heights);
+    let view = OrthographicProjection::new(placement, camera, object.centre_mm());
+    depth::raster::rasterise(object, &view, Canvas { width, height, ceiling: 0.0, margin }, &mut heights);
     heights
 }
 
@@ -203,7 +74,7 @@ pub fn press(blur: MeanBlur, depth: &Depth) -> Contact {
 
 /// Pixels of margin that [`press`] asks for.
 pub fn margin_of(blur: MeanBlur) -> usize {
-    Pad::MeanBlur(blur).window(0.0).margin_px
+    Pad::MeanBlur(blur).capture_window(0.0).margin_px
 }
 
 /// The blur as this test binary compiles it.
@@ -223,7 +94,7 @@ pub fn contact_of(camera: &View, surface: impl Fn([f64; 2]) -> f64) -> Contact {
     let [width, height] = camera.resolution_px;
     let border = SURFACE_BORDER as f64;
     let numerics = Numerics::DIRECT;
-    let mut contact = gelpad::untouched(width, height, None, numerics);
+    let mut contact = gelpad::no_contact(width, height, None, numerics);
     for y in 0..contact.surface.height {
         for x in 0..contact.surface.width {
             let place = position(camera, x as f64 - border, y as f64 - border);
@@ -235,7 +106,7 @@ pub fn contact_of(camera: &View, surface: impl Fn([f64; 2]) -> f64) -> Contact {
 }
 
 pub fn normals(contact: &Contact, camera: &View) -> Vec<[f32; 3]> {
-    optics::normals::normals(contact, camera)
+    optics::normals::surface_normals(contact, camera)
 }
 
 /// The camera of a sensor.
@@ -265,7 +136,7 @@ pub fn grey(camera: &View, level: u8) -> BackgroundImage {
 /// The light of a model; where the press does not change it, the picture's own.
 pub fn light_of(model: &optics::Model, sensor: &Sensor, contact: &Contact, rest: &BackgroundImage) -> Light {
     let shader = Shader::new(model, None, &sensor.illumination(), &camera_of(sensor), None);
-    shader.shade(contact, rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)).whole()
+    shader.shade(contact, rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)).into_light()
 }
 
 /// The same without shadows.
@@ -294,7 +165,7 @@ pub fn expose(light: &Light, rest: &BackgroundImage) -> Image {
 
 /// The bytes of a sample's member, as it stands in a shard.
 pub fn member(plan: &Plan, sample: &Sample, suffix: &str) -> Vec<u8> {
-    let members = encode::members(plan, sample);
+    let members = encode::encode_members(plan, sample);
     let found = members.into_iter().find(|member| member.suffix == suffix);
     found
         .map(|member| member.bytes.into_vec().expect("in memory"))

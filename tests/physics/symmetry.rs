@@ -53,7 +53,7 @@ fn an_object_the_other_way_round_gives_the_surface_the_other_way_round() {
         // Well below what 1 um of tolerance would hide.
         let rig = setup().solved(resolution, 0.02).rig();
         let straight = rig.press(lopsided);
-        assert!(straight.numerics.converged);
+        assert!(straight.numerics.converged, "{:?}", straight.numerics);
         for (name, object, place) in WAYS {
             let other = rig.press(|x, y| {
                 let (u, v) = object(x, y);
@@ -161,7 +161,7 @@ fn wide_vectors_change_no_bit_of_a_press() {
         let setup = Setup { resolution_px: [101, 83], ..setup() };
         let wide = setup.solved(resolution, 0.1).rig().press(nasty);
         let narrow = simd::scalar_only(|| setup.solved(resolution, 0.1).rig().press(nasty));
-        assert!(wide.numerics.iterations > 2);
+        assert!(wide.numerics.iterations > 2, "{:?}", wide.numerics);
         assert!(bits(&wide.surface) == bits(&narrow.surface), "{resolution:?}: surface");
         let pressures = |contact: &Contact| contact.pressure.as_ref().map(bits);
         assert!(pressures(&wide) == pressures(&narrow), "{resolution:?}: pressure");

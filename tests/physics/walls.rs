@@ -63,7 +63,7 @@ fn turned_cube(preset: &str, resolution: [usize; 2], choice: &str) -> Plan {
 
 /// Standard deviation of each channel along the walls of that cube, less what changes over 30 pixels: the largest of lines beside
 /// the walls, grey levels.
-fn teeth(plan: &Plan) -> [f64; 3] {
+fn deviation_along_walls(plan: &Plan) -> [f64; 3] {
     let sample = render(plan, 0);
     let (image, untouched) = (&sample.impression.image, plan.simulator.untouched());
     let [half_px, turn] = [2.5 / plan.simulator.view().mm_per_px[0], 9.0_f64.to_radians()];
@@ -111,7 +111,7 @@ fn a_turned_wall_has_no_saw_teeth_at_any_level() {
     ] {
         let plan = turned_cube("gelsight-mini", resolution, &format!("fidelity = '{level}'"));
         let [with, without] = [EffectPolicy::WhereNeeded, EffectPolicy::Without(Effect::Supersampling)]
-            .map(|it| teeth(&plan.with_policy(it)));
+            .map(|it| deviation_along_walls(&plan.with_policy(it)));
         println!(
             "{level}, {resolution:?}: {with:.1?} grey levels along a wall; {without:.1?} without samples between centres"
         );

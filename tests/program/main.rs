@@ -15,5 +15,7 @@ mod faults;
 mod fuzz;
 #[path = "../cli/pty.rs"]
 mod pty;
+#[path = "../random_jobs/mod.rs"]
+mod random_jobs;
 #[path = "../cli/support.rs"]
 mod support;

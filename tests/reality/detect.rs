@@ -3,9 +3,9 @@
 
 use std::path::Path;
 
-use gelsim_core::base::clock::Clock;
-use gelsim_lab::calibrate::detect::{Detection, detect};
-use gelsim_lab::calibrate::outliers::{CircleEvidence, against, examine};
+use gelsim_core::base::clock::ThreadClock;
+use gelsim_lab::calibrate::detect::{Detection, detect_disc};
+use gelsim_lab::calibrate::outliers::{CircleEvidence, examine_circle, examine_detected};
 use gelsim_lab::metrics::statistics::median;
 use gelsim_lab::presses::{self, Circle};
 use image::RgbImage;
@@ -29,7 +29,7 @@ impl Sensor {
     fn read(name: &'static str, folder: &Path) -> Self {
         let folder = folder.join(name);
         let Ok(table) = presses::read(&folder.join("annotations.csv")) else { panic!("{name}: no table") };
-        let circle = |press: &presses::Press| (open(&press.path), press.circle.expect("a circle"));
+        let circle = |press: &presses::PressRow| (open(&press.path), press.circle.expect("a circle"));
         let presses = table.presses.iter().map(circle).collect();
         Self { name, background: open(&folder.join("background.png")), presses }
     }
@@ -44,7 +44,7 @@ impl Sensor {
     }
 }
 
-fn away(found: &Circle, circle: &Circle) -> f64 {
+fn distance_px(found: &Circle, circle: &Circle) -> f64 {
     (found.centre_px[0] - circle.centre_px[0]).hypot(found.centre_px[1] - circle.centre_px[1])
 }
 
@@ -57,13 +57,13 @@ fn real_discs_are_found_and_the_confidence_says_where() {
     let mut sure: Vec<(f64, f64)> = Vec::new();
     println!("sensor            presses  centre px  <= 3 px  <= 5 px  radius ratio  radius off  ms");
     for (number, sensor) in Sensor::all().iter().enumerate() {
-        let mut clock = Clock::start();
+        let mut clock = ThreadClock::start();
         let found: Vec<Option<Detection>> =
-            sensor.presses.iter().map(|(image, _)| detect(image, &sensor.background)).collect();
+            sensor.presses.iter().map(|(image, _)| detect_disc(image, &sensor.background)).collect();
         let ms = 1e3 * clock.lap() / found.len() as f64;
         let pairs: Vec<(Detection, Circle)> =
             found.iter().zip(&sensor.presses).filter_map(|(found, (_, circle))| Some(((*found)?, *circle))).collect();
-        let far: Vec<f64> = pairs.iter().map(|(found, circle)| away(&found.circle, circle)).collect();
+        let far: Vec<f64> = pairs.iter().map(|(found, circle)| distance_px(&found.circle, circle)).collect();
         let ratio: Vec<f64> = pairs.iter().map(|(found, circle)| found.circle.radius_px / circle.radius_px).collect();
         let off: Vec<f64> = ratio.iter().map(|ratio| (ratio - 1.0).abs()).collect();
         let [centre, ratio, off] = [&far, &ratio, &off].map(|values| median(values).expect("discs"));
@@ -98,13 +98,13 @@ fn wrong_circles_on_real_presses_are_suspected_and_right_ones_are_not() {
         let examined: Vec<(CircleEvidence, Circle)> = sensor
             .presses
             .iter()
-            .map(|(image, circle)| (examine(image, &sensor.background, circle), *circle))
+            .map(|(image, circle)| (examine_circle(image, &sensor.background, circle), *circle))
             .collect();
         // A change of the circle leaves the disc that is seen; what is in the circle is examined again.
         let suspected = |change: &dyn Fn(usize, Circle) -> Circle| {
             let count = sensor.presses.iter().enumerate().filter(|(at, (image, circle))| {
                 let changed = change(*at, *circle);
-                let again = against(image, &sensor.background, &changed, examined[*at].0.detected);
+                let again = examine_detected(image, &sensor.background, &changed, examined[*at].0.detected);
                 !again.outlier_reasons(&changed).is_empty()
             });
             count.count() as f64 / sensor.presses.len() as f64
@@ -133,10 +133,10 @@ fn edges_of_a_cube_are_no_discs() {
     let background = open(&folder.join("background.png"));
     let Ok(table) = presses::read(&folder.join("annotations.csv")) else { panic!("no table") };
     for press in &table.presses {
-        let found = detect(&open(&press.path), &background);
+        let found = detect_disc(&open(&press.path), &background);
         println!("{}: confidence {:.3}", press.file, found.map_or(0.0, |found| found.confidence));
         assert!(found.is_none_or(|found| found.confidence < 0.3));
     }
-    let untouched = detect(&background, &background);
+    let untouched = detect_disc(&background, &background);
     assert!(untouched.is_none(), "{untouched:?}");
 }

@@ -5,11 +5,11 @@
 
 use std::path::Path;
 
-use gelsim_lab::calibrate::judge::fit::Verdict;
-use gelsim_lab::calibrate::judge::scale::{self, Sizes};
+use gelsim_lab::calibrate::judge::fit::FitVerdict;
+use gelsim_lab::calibrate::judge::scale::{self, SessionSizes};
 use gelsim_lab::calibrate::judge::{self, background, circles};
-use gelsim_lab::calibrate::run::{Request, run, run_leds};
-use gelsim_lab::calibrate::train::Settings;
+use gelsim_lab::calibrate::run::{CalibrationRequest, calibrate, calibrate_leds};
+use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Session, dots};
 use image::{RgbImage, imageops};
 
@@ -34,9 +34,9 @@ fn sessions(folder: &Path) -> Vec<(String, Session)> {
 }
 
 /// All that is said of a session before a fit: errors, and notes in brackets.
-fn said(session: &Session) -> Vec<String> {
-    let all = [scale::findings(session, None), judge::images(session)].concat();
-    all.iter().map(|found| format!("{}: {}", found.severity.name(), found.text())).collect()
+fn messages_before_a_fit(session: &Session) -> Vec<String> {
+    let all = [scale::judge_scale(session, None), judge::judge_images(session)].concat();
+    all.iter().map(|found| format!("{}: {}", found.severity.name(), found.full_message())).collect()
 }
 
 type Change = (&'static str, fn(&mut Session), &'static str);
@@ -51,7 +51,7 @@ fn scaled(image: &mut RgbImage, by: f64) {
         .for_each(|pixel| pixel.0 = pixel.0.map(|level| (by * f64::from(level)).round().min(255.0) as u8));
 }
 
-fn exchanged(image: &mut RgbImage) {
+fn exchange_channels(image: &mut RgbImage) {
     image.pixels_mut().for_each(|pixel| pixel.0.reverse());
 }
 
@@ -67,8 +67,12 @@ fn low(session: &Session) -> f64 {
 
 /// One mistake each, and words that name it.
 const CHANGES: [Change; 24] = [
-    ("background in BGR", |s| exchanged(&mut s.background), "red and blue of the background image are exchanged"),
-    ("presses in BGR", |s| pictures(s, exchanged), "red and blue of the background image are exchanged"),
+    (
+        "background in BGR",
+        |s| exchange_channels(&mut s.background),
+        "red and blue of the background image are exchanged",
+    ),
+    ("presses in BGR", |s| pictures(s, exchange_channels), "red and blue of the background image are exchanged"),
     ("background x 0.7", |s| scaled(&mut s.background, 0.7), "times as bright away from the discs"),
     ("background x 0.85", |s| scaled(&mut s.background, 0.85), "times as bright away from the discs"),
     ("background x 1.2", |s| scaled(&mut s.background, 1.2), "times as bright away from the discs"),
@@ -145,10 +149,10 @@ fn real_presses_are_not_spoken_against_and_each_mistake_in_them_is_named() {
         "set                  disc/ball  differs  left  left/change  rearranged  factors             common  held  80 %"
     );
     for (name, session) in &sessions {
-        let sizes = Sizes::of(session);
-        let found = background::compare(session).expect("enough of the pad is away from the discs");
+        let sizes = SessionSizes::from_session(session);
+        let found = background::compare_background(session).expect("enough of the pad is away from the discs");
         let [red, green, blue] = found.factors;
-        let [held, holding] = circles::figures(session);
+        let [held, holding] = circles::circle_statistics(session);
         println!(
             "{name:20} {:9.2} {:8.2} {:5.2} {:12.2} {:11.2}  {red:.2} {green:.2} {blue:.2} {:13.3} {held:5.2} {holding:5.2}{}",
             sizes.disc_over_ball(),
@@ -159,7 +163,7 @@ fn real_presses_are_not_spoken_against_and_each_mistake_in_them_is_named() {
             found.in_common,
             if CHOSEN_ON.contains(&name.as_str()) { "" } else { "  (kept apart)" },
         );
-        let said = said(session);
+        let said = messages_before_a_fit(session);
         said.iter().for_each(|text| println!("    {text}"));
         assert!(!said.iter().any(|text| text.starts_with("error: ")), "{name}");
         assert_eq!(dots::Dots::find(&session.background).map(|(dots, _)| dots.count), None, "{name}");
@@ -171,7 +175,7 @@ fn real_presses_are_not_spoken_against_and_each_mistake_in_them_is_named() {
         for (name, session) in &sessions {
             let mut session = session.clone();
             change(&mut session);
-            let said = said(&session);
+            let said = messages_before_a_fit(&session);
             match said.iter().any(|text| text.starts_with("error: ") && text.contains(words)) {
                 true => named.push(name.as_str()),
                 false => missed.push(format!("{what}, {name}: {said:?}")),
@@ -188,12 +192,12 @@ fn real_presses_are_not_spoken_against_and_each_mistake_in_them_is_named() {
 fn a_background_of_the_presses_kind_is_found_and_fits_as_well() {
     let Some(folder) = real::folder() else { return };
     for (name, session) in sessions(&folder) {
-        let own = background::compare(&session).expect("a pad").left;
+        let own = background::compare_background(&session).expect("a pad").left;
         for (what, change, _) in CHANGES.iter().take(8) {
             let mut changed = session.clone();
             change(&mut changed);
-            let (matched, done) = background::matched(changed);
-            let left = background::compare(&matched).expect("a pad");
+            let (matched, done) = background::match_background(changed);
+            let left = background::compare_background(&matched).expect("a pad");
             println!("{name}: {what}: {done}; {:.2} grey levels are left, {own:.2} before", left.left);
             assert!(left.found.is_nothing(), "{name}: {what}: {:?}", left.found);
         }
@@ -204,10 +208,16 @@ fn a_background_of_the_presses_kind_is_found_and_fits_as_well() {
 #[test]
 fn fits_of_broken_presses_are_told_from_good_ones() {
     let Some(folder) = real::folder() else { return };
-    let settings = Settings { steps: 300, ..Settings::default() };
-    let request = Request { thickness_mm: Some(4.0), contact_over_disc: Some(0.94), settings, ..Request::default() };
-    let named =
-        |verdict: &Verdict| format!("{:4.2}{}", verdict.left(), if verdict.is_hopeless() { " none" } else { "     " });
+    let settings = TrainingSettings { steps: 300, ..TrainingSettings::default() };
+    let request = CalibrationRequest {
+        thickness_mm: Some(4.0),
+        contact_over_disc: Some(0.94),
+        settings,
+        ..CalibrationRequest::default()
+    };
+    let named = |verdict: &FitVerdict| {
+        format!("{:4.2}{}", verdict.remaining_share(), if verdict.is_hopeless() { " none" } else { "     " })
+    };
     let broken = [0, 2, 6, 8, 9, 10, 15, 16, 17].map(|k| CHANGES[k]);
     println!("what is left of the better guess's error by networks, by LEDs alone");
     for (name, session) in sessions(&folder) {
@@ -226,13 +236,13 @@ fn fits_of_broken_presses_are_told_from_good_ones() {
         for (what, change, _) in whole.iter().chain(&random).chain(&broken) {
             let mut changed = session.clone();
             change(&mut changed);
-            let leds = run_leds(&changed, request.geometry(&changed)).map(|found| found.verdict);
-            let found = run(changed, &request).map(|found| found.verdict);
-            let shown = |verdict: Option<Verdict>| verdict.as_ref().map_or(String::from("no pixel"), named);
+            let leds = calibrate_leds(&changed, request.default_geometry(&changed)).map(|found| found.verdict);
+            let found = calibrate(changed, &request).map(|found| found.verdict);
+            let shown = |verdict: Option<FitVerdict>| verdict.as_ref().map_or(String::from("no pixel"), named);
             println!("{name:20} {what:24} {}  {}", shown(found), shown(leds));
             if *what == "as they are" {
                 assert!(found.is_some_and(|verdict| !verdict.is_hopeless()), "{name}");
-                assert!(leds.is_some_and(|verdict| verdict.left() < 0.7), "{name}");
+                assert!(leds.is_some_and(|verdict| verdict.remaining_share() < 0.7), "{name}");
             }
             if *what == "centres at random" {
                 assert!(found.is_none_or(|verdict| verdict.is_hopeless()), "{name}");

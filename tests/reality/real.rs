@@ -8,9 +8,9 @@ use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::Elastic;
 use gelsim_core::{gelpad, optics};
 use gelsim_files::sensor::Sensor;
-use gelsim_lab::calibrate::pixels::DILATE;
-use gelsim_lab::calibrate::{Session, picture, session};
-use gelsim_lab::compare::score::{Score, Scores, score};
+use gelsim_lab::calibrate::pixels::ERROR_REACH;
+use gelsim_lab::calibrate::{Session, light_to_rgb, session};
+use gelsim_lab::compare::score::{Score, Scores, score_images};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -26,7 +26,7 @@ pub fn folder() -> Option<PathBuf> {
 /// The presses in a sensor's folder; None, with a message, where they cannot be calibrated from.
 pub fn session(folder: &Path) -> Option<Session> {
     let [table, background] = ["annotations.csv", "background.png"].map(|file| folder.join(file));
-    match session::read(&table, &background, Sensor::default(), false, session::FEWEST) {
+    match session::read_session(&table, &background, Sensor::default(), false, session::MIN_PRESSES) {
         Ok((session, _)) => Some(session),
         Err(_) => {
             println!("{}: no table of circles and balls of known size", folder.display());
@@ -42,17 +42,19 @@ pub fn half() -> gelpad::Model {
 
 /// A picture for each contact.
 pub fn simulate(session: &Session, contacts: &[Contact], shader: &optics::Shader) -> Vec<RgbImage> {
-    let rest = session.reference();
+    let rest = session.to_background_image();
     let one = |contact: &Contact| {
-        picture(&shader.shade(contact, &rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)).whole(), &rest)
+        light_to_rgb(&shader.shade(contact, &rest, &mut EffectLog::new(EffectPolicy::WhereNeeded)).into_light(), &rest)
     };
     contacts.par_iter().map(one).collect()
 }
 
 /// How far pictures are from the real ones.
-pub fn scores(session: &Session, pictures: &[RgbImage]) -> Vec<Scores> {
+pub fn score_pictures(session: &Session, pictures: &[RgbImage]) -> Vec<Scores> {
     let pairs = session.observations.par_iter().zip(pictures);
-    pairs.map(|(observation, picture)| score(&observation.image, picture, Some(&observation.circle), DILATE)).collect()
+    pairs
+        .map(|(observation, picture)| score_images(&observation.image, picture, Some(&observation.circle), ERROR_REACH))
+        .collect()
 }
 
 /// MAE of the contact, levels; 0 without one.
@@ -61,7 +63,7 @@ pub fn contact_mae(scores: &Scores) -> f64 {
 }
 
 /// Means as the tables have them: MAE, PSNR and SSIM of the contact, MAE of the whole image.
-pub fn shown<'a>(scores: impl Iterator<Item = &'a Scores> + Clone) -> String {
+pub fn format_means<'a>(scores: impl Iterator<Item = &'a Scores> + Clone) -> String {
     let figures =
         |score: Score| format!("{:5.2} / {:5.2} / {:.3}", score.mae, score.psnr_db.unwrap_or(f64::NAN), score.ssim);
     let contact = Score::mean(scores.clone().filter_map(|scores| scores.contact.as_ref()));

@@ -2,18 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use gelsim_core::base::rng::stream;
+use gelsim_core::base::rng::random_stream;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::optics;
-use gelsim_core::optics::calibrated::Table;
-use gelsim_lab::calibrate::run::{Calibration, Request, run};
+use gelsim_core::optics::calibrated::CalibrationTable;
+use gelsim_lab::calibrate::run::{Calibration, CalibrationRequest, calibrate};
 use gelsim_lab::calibrate::{Geometry, Session};
 use gelsim_lab::compare::picture;
 use gelsim_lab::compare::score::Scores;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::real::{self, contact_mae, half, mean, scores, shown, simulate};
+use super::real::{self, contact_mae, format_means, half, mean, score_pictures, simulate};
 
 /// Sensors with good annotations, and the largest MAE of their contacts.
 const GOOD: [(&str, f64); 3] = [("gelsight_taxim", 4.3), ("gsmini_gssdk", 4.1), ("gelsight_thu", 8.5)];
@@ -36,17 +36,17 @@ fn name(folder: &Path) -> String {
     folder.file_name().expect("a name").to_string_lossy().into_owned()
 }
 
-fn shader(session: &Session, table: Option<&Table>) -> optics::Shader {
+fn shader(session: &Session, table: Option<&CalibrationTable>) -> optics::Shader {
     let optics = Fidelity::Standard.models(optics::LightSource::new(table.is_some(), &[])).optics;
     optics::Shader::new(&optics, table, &session.sensor.illumination(), &session.camera, None)
 }
 
 /// The presses as `table` has them, with circles of `by` times their radii.
-fn press(session: &Session, geometry: Geometry, table: Option<&Table>, by: f64) -> Vec<RgbImage> {
+fn press(session: &Session, geometry: Geometry, table: Option<&CalibrationTable>, by: f64) -> Vec<RgbImage> {
     let mut sized = session.clone();
     sized.observations.iter_mut().for_each(|observation| observation.circle.radius_px *= by);
-    sized.sensor = sized.sensor(geometry.thickness_mm);
-    simulate(session, &sized.surfaces(geometry, &half()).contacts, &shader(&sized, table))
+    sized.sensor = sized.sensor_at_thickness(geometry.thickness_mm);
+    simulate(session, &sized.press_surfaces(geometry, &half()).contacts, &shader(&sized, table))
 }
 
 /// For each press the nearest of several pictures.
@@ -103,7 +103,7 @@ impl Zones {
     }
 
     /// Mean errors in the zones, and each zone's share of those up to `until`, %.
-    fn shown(all: &[Self]) -> String {
+    fn format_zones(all: &[Self]) -> String {
         let sum = |zone: usize, k: usize| all.iter().map(|zones| zones.sums[zone][k]).sum::<f64>();
         let shares = |zones: std::ops::Range<usize>| -> String {
             let total: f64 = zones.clone().map(|zone| sum(zone, 0)).sum();
@@ -126,13 +126,13 @@ fn draw(name: &str, found: &Calibration) {
     order.sort_by(|a, b| contact_mae(&found.held_out[*a].scores).total_cmp(&contact_mae(&found.held_out[*b].scores)));
     let rows = [0, order.len() / 2, order.len() - 1].map(|rank| {
         let (observation, held_out) = (&found.session.observations[order[rank]], &found.held_out[order[rank]]);
-        picture::row(
+        picture::comparison_row(
             format!("{}: MAE {:.2}", observation.file, contact_mae(&held_out.scores)),
             &observation.image,
             &held_out.simulated,
         )
     });
-    real::write(&format!("{name}.png"), &picture::sheet(rows.into(), 480));
+    real::write(&format!("{name}.png"), &picture::draw_comparison_sheet(rows.into(), 480));
 }
 
 #[test]
@@ -142,13 +142,13 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
     println!("sensor, presses; contact (1.3 radii) MAE / PSNR dB / SSIM | whole image MAE");
     for folder in folders(&folder) {
         let (name, Some(session)) = (name(&folder), real::session(&folder)) else { continue };
-        let found = run(session, &Request::default()).expect("enough presses");
+        let found = calibrate(session, &CalibrationRequest::default()).expect("enough presses");
         let (session, geometry) = (&found.session, found.geometry);
         let count = session.observations.len();
-        let bare = scores(session, &vec![session.background.clone(); count]);
-        let phong = scores(session, &press(session, geometry, None, 1.0));
+        let bare = score_pictures(session, &vec![session.background.clone(); count]);
+        let phong = score_pictures(session, &press(session, geometry, None, 1.0));
         let held_out: Vec<Scores> = found.held_out.iter().map(|held_out| held_out.scores).collect();
-        let sized = RADII.map(|by| scores(session, &press(session, geometry, Some(&found.table), by)));
+        let sized = RADII.map(|by| score_pictures(session, &press(session, geometry, Some(&found.table), by)));
         let placed: Vec<Scores> = session
             .observations
             .par_iter()
@@ -157,11 +157,11 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
                 let by = (-3..=3).flat_map(|x| (-3..=3).map(move |y| [x, y]));
                 let all = by.map(|by| {
                     let image = moved(&held_out.simulated, &session.background, by);
-                    gelsim_lab::compare::score::score(
+                    gelsim_lab::compare::score::score_images(
                         &observation.image,
                         &image,
                         Some(&observation.circle),
-                        gelsim_lab::calibrate::pixels::DILATE,
+                        gelsim_lab::calibrate::pixels::ERROR_REACH,
                     )
                 });
                 all.min_by(|a, b| contact_mae(a).total_cmp(&contact_mae(b)))
@@ -171,10 +171,10 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
             "{name}, {count}; thickness {} mm, contact over disc {:.2}; the fit leaves {:.2} of the better guess's error",
             geometry.thickness_mm,
             geometry.contact_over_disc,
-            found.verdict.left()
+            found.verdict.remaining_share()
         );
-        assert!(!found.verdict.is_hopeless(), "{name}: {}", found.verdict.text());
-        let line = |what: &str, scores: &[Scores]| println!("    {what:44} {}", shown(scores.iter()));
+        assert!(!found.verdict.is_hopeless(), "{name}: {}", found.verdict.to_sentence());
+        let line = |what: &str, scores: &[Scores]| println!("    {what:44} {}", format_means(scores.iter()));
         line("background alone", &bare);
         line("phong, not calibrated, this background", &phong);
         line("calibrated, cross-validated", &held_out);
@@ -187,7 +187,7 @@ fn real_presses_of_every_sensor_are_nearer_to_a_calibrated_one_than_to_its_backg
             .zip(&found.held_out)
             .map(|(observation, held_out)| Zones::of(observation, &held_out.simulated))
             .collect();
-        zones.push(format!("{name:16}{}", Zones::shown(&own)));
+        zones.push(format!("{name:16}{}", Zones::format_zones(&own)));
         draw(&name, &found);
         let error = |scores: &[Scores]| mean(scores.iter().map(contact_mae));
         assert!(error(&held_out) < 0.5 * error(&bare) && error(&held_out) < error(&phong), "{name}");
@@ -209,16 +209,17 @@ fn more_presses_bring_a_sensor_nearer() {
     let Some(folder) = real::folder() else { return };
     let session = real::session(&folder.join(SENSOR)).expect("a table of presses");
     let all = session.observations.len();
-    let order = stream(0, "calibration", 7).some_of((0..all).collect(), all);
+    let order = random_stream(0, "calibration", 7).sample_without_replacement((0..all).collect(), all);
     let part = |of: &[usize]| {
         let observations = of.iter().map(|k| session.observations[*k].clone()).collect();
         Session { observations, ..session.clone() }
     };
     let others = part(&order[..HELD_OUT]);
     let error = |count: usize| {
-        let found = run(part(&order[HELD_OUT..HELD_OUT + count]), &Request::default()).expect("enough presses");
-        let scores = scores(&others, &press(&others, found.geometry, Some(&found.table), 1.0));
-        println!("{SENSOR}: {count:2} presses, tested on {HELD_OUT} others: {}", shown(scores.iter()));
+        let found = calibrate(part(&order[HELD_OUT..HELD_OUT + count]), &CalibrationRequest::default())
+            .expect("enough presses");
+        let scores = score_pictures(&others, &press(&others, found.geometry, Some(&found.table), 1.0));
+        println!("{SENSOR}: {count:2} presses, tested on {HELD_OUT} others: {}", format_means(scores.iter()));
         mean(scores.iter().map(contact_mae))
     };
     let errors = [5, 8, 12, 20, all - HELD_OUT].map(error);

@@ -14,15 +14,15 @@ use gelsim_files::mesh;
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
-use gelsim_lab::calibrate::pixels::DILATE;
+use gelsim_lab::calibrate::pixels::ERROR_REACH;
 use gelsim_lab::compare::picture;
-use gelsim_lab::compare::score::{Scores, score};
+use gelsim_lab::compare::score::{Scores, score_images};
 use gelsim_lab::presses::Circle;
 use image::RgbImage;
 use rayon::prelude::*;
 use tempfile::TempDir;
 
-use super::real::{self, contact_mae, mean, shown};
+use super::real::{self, contact_mae, format_means, mean};
 
 const SENSOR: &str = "gelsight_thu";
 /// Radii of the spheres of the meshes, mm; the printed ones are smaller.
@@ -201,8 +201,9 @@ fn simulate(press: &Press, way: &Way, folder: &Path) -> RgbImage {
     RgbImage::from_raw(image.width as u32, image.height as u32, image.rgb).expect("all pixels")
 }
 
-fn scored(presses: &[Press], pictures: &[RgbImage]) -> Vec<Scores> {
-    let of = |(press, picture): (&Press, &RgbImage)| score(&press.real, picture, Some(&press.circle), DILATE);
+fn score_pictures(presses: &[Press], pictures: &[RgbImage]) -> Vec<Scores> {
+    let of =
+        |(press, picture): (&Press, &RgbImage)| score_images(&press.real, picture, Some(&press.circle), ERROR_REACH);
     presses.iter().zip(pictures).map(of).collect()
 }
 
@@ -213,7 +214,7 @@ fn line(name: &str, presses: &[Press], scores: &[Scores]) {
         )
     };
     let shapes: String = SHAPES.iter().map(|shape| format!("{:8.2}", of(shape))).collect();
-    println!("{name:52}{shapes}   {}", shown(scores.iter()));
+    println!("{name:52}{shapes}   {}", format_means(scores.iter()));
 }
 
 /// Calibrates on the balls as a user would.
@@ -264,16 +265,16 @@ fn known_presses_of_other_shapes_are_nearer_to_the_calibrated_sensor() {
         solid: Solid::Modelled,
         deeper: 1.0,
     };
-    let rung = |rung: &str| format!("fidelity = \"{rung}\"");
+    let level = |level: &str| format!("fidelity = \"{level}\"");
     let base = way("calibrated", &chosen, "");
     let ways = [
         way("phong, not calibrated, this background, 3 mm", &plain, ""),
         way("calibrated pad, phong", &chosen, "optics = \"phong\""),
         base.clone(),
-        way("rung paper (blur instead of the elastic pad)", &chosen, &rung("paper")),
-        way("rung draft", &chosen, &rung("draft")),
-        way("rung high", &chosen, &rung("high")),
-        way("rung reference", &chosen, &rung("reference")),
+        way("level paper (blur instead of the elastic pad)", &chosen, &level("paper")),
+        way("level draft", &chosen, &level("draft")),
+        way("level high", &chosen, &level("high")),
+        way("level reference", &chosen, &level("reference")),
         Way { name: "flat faces as measured in the picture", solid: Solid::Outlined, ..base.clone() },
         Way { name: "the same with edges of 45 degrees, 0.2 mm deep", solid: Solid::Bevelled, ..base.clone() },
         Way { name: "depth x 0.8", deeper: 0.8, ..base.clone() },
@@ -285,19 +286,23 @@ fn known_presses_of_other_shapes_are_nearer_to_the_calibrated_sensor() {
     let names: String = SHAPES.iter().map(|shape| format!("{:>8}", &shape[..shape.len().min(7)])).collect();
     println!("\n{:52}{names}   contact MAE / PSNR / SSIM | whole image MAE", "");
     let rest = image::open(folder.join("background.png")).expect("a picture").into_rgb8();
-    let bare = scored(&presses, &vec![rest; presses.len()]);
+    let bare = score_pictures(&presses, &vec![rest; presses.len()]);
     line("background alone", &presses, &bare);
     let measure = |way: &Way| {
         let place = out.path().join(way.name.replace(' ', "_"));
         fs::create_dir_all(&place).expect("a folder");
         // The one file of a shape is written by each of its presses, with the same bytes.
         let pictures: Vec<RgbImage> = presses.iter().map(|press| simulate(press, way, &place)).collect();
-        let scores = scored(&presses, &pictures);
+        let scores = score_pictures(&presses, &pictures);
         line(way.name, &presses, &scores);
         let rows = presses.par_iter().zip(&pictures).zip(&scores).map(|((press, picture), scores)| {
-            picture::row(format!("{}: contact MAE {:.2}", press.file, contact_mae(scores)), &press.real, picture)
+            picture::comparison_row(
+                format!("{}: contact MAE {:.2}", press.file, contact_mae(scores)),
+                &press.real,
+                picture,
+            )
         });
-        real::write(&format!("shapes, {}.png", way.name), &picture::sheet(rows.collect(), 320));
+        real::write(&format!("shapes, {}.png", way.name), &picture::draw_comparison_sheet(rows.collect(), 320));
         mean(scores.iter().map(contact_mae))
     };
     let mut errors = vec![mean(bare.iter().map(contact_mae))];

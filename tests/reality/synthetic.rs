@@ -7,7 +7,7 @@ use gelsim_files::sensor::PRESETS;
 use gelsim_job::config::{self, Overrides};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
-use gelsim_lab::calibrate::detect::detect;
+use gelsim_lab::calibrate::detect::detect_disc;
 use gelsim_lab::calibrate::outliers::{OutlierReason, outlier_reasons};
 use gelsim_lab::metrics::statistics::median;
 use gelsim_lab::presses::Circle;
@@ -24,7 +24,7 @@ pub fn plan(sensor: &str, pose: &str, more: &str) -> Plan {
     );
     let mut problems = Diagnostics::default();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let written = config::read_text("job", job, folder, &Overrides::default(), &mut problems);
+    let written = config::read_job_text("job", job, folder, &Overrides::default(), &mut problems);
     match Plan::resolve(written, problems) {
         Ok(plan) => plan,
         Err(report) => panic!("{report}"),
@@ -50,7 +50,7 @@ pub fn press(plan: &Plan, index: u64) -> (RgbImage, RgbImage, Circle) {
     (picture(&sample.impression.image), picture(plan.simulator.untouched()), Circle { centre_px: [x, y], radius_px })
 }
 
-fn away(a: &Circle, b: &Circle) -> f64 {
+fn distance_px(a: &Circle, b: &Circle) -> f64 {
     (a.centre_px[0] - b.centre_px[0]).hypot(a.centre_px[1] - b.centre_px[1])
 }
 
@@ -63,8 +63,8 @@ fn discs_are_found_on_every_sensor_through_noise_and_drift() {
         let (mut far, mut ratio) = (Vec::new(), Vec::new());
         for index in 0..10 {
             let (image, background, truth) = press(&plan, index);
-            let found = detect(&image, &background).expect("a disc");
-            far.push(away(&found.circle, &truth));
+            let found = detect_disc(&image, &background).expect("a disc");
+            far.push(distance_px(&found.circle, &truth));
             ratio.push(found.circle.radius_px / truth.radius_px);
             let far = far[index as usize];
             assert!(far < 8.0 && (far < 3.0 || found.confidence < 0.5), "{sensor}: {far} px and {}", found.confidence);
@@ -84,8 +84,8 @@ fn a_disc_that_is_partly_out_of_view_is_found_and_named() {
     let plan = plan("gelsight-mini", "x_mm = 8.9\ny_mm = [-4.0, 4.0]", CAMERA);
     for index in 0..6 {
         let (image, background, truth) = press(&plan, index);
-        let found = detect(&image, &background).expect("a disc");
-        assert!(away(&found.circle, &truth) < 0.25 * truth.radius_px, "{found:?} instead of {truth:?}");
+        let found = detect_disc(&image, &background).expect("a disc");
+        assert!(distance_px(&found.circle, &truth) < 0.25 * truth.radius_px, "{found:?} instead of {truth:?}");
         let named = outlier_reasons(&image, &background, &truth);
         assert!(
             named.iter().any(|one| matches!(one, OutlierReason::OutOfView { fraction } if *fraction > 0.2)),
@@ -113,7 +113,7 @@ fn noisy(image: &RgbImage, gain: f64) -> RgbImage {
 #[test]
 fn nothing_pressed_is_nothing_sure() {
     let (_, background, circle) = press(&plan("gelsight-mini", "x_mm = 0.0\ny_mm = 0.0", ""), 0);
-    assert_eq!(detect(&background, &background), None);
+    assert_eq!(detect_disc(&background, &background), None);
     let mut specks = noisy(&background, 0.97);
     for (x, y, size) in [(40, 50, 3), (200, 120, 6), (290, 200, 2), (100, 220, 4)] {
         for (x, y) in (x..x + size).flat_map(|x| (y..y + size).map(move |y| (x, y))) {
@@ -121,9 +121,9 @@ fn nothing_pressed_is_nothing_sure() {
         }
     }
     for image in [noisy(&background, 1.0), noisy(&background, 1.1), specks] {
-        let found = detect(&image, &background);
+        let found = detect_disc(&image, &background);
         assert!(found.is_none_or(|found| found.confidence < 0.2), "{found:?}");
-        assert!(outlier_reasons(&image, &background, &circle).contains(&OutlierReason::NothingThere));
+        assert!(outlier_reasons(&image, &background, &circle).contains(&OutlierReason::NoChange));
     }
 }
 
@@ -135,8 +135,8 @@ fn dust_beside_a_press_does_not_catch_the_eye() {
         for (x, y) in [(12, 20), (300, 30), (30, 220), (280, 200)] {
             (0..25).for_each(|k| image.put_pixel(x + k % 5, y + k / 5, Rgb([255, 255, 0])));
         }
-        let found = detect(&image, &background).expect("a disc");
-        assert!(away(&found.circle, &truth) < 3.0, "{found:?} instead of {truth:?}");
+        let found = detect_disc(&image, &background).expect("a disc");
+        assert!(distance_px(&found.circle, &truth) < 3.0, "{found:?} instead of {truth:?}");
     }
 }
 
@@ -176,7 +176,7 @@ fn no_picture_is_too_odd() {
             noisy(&RgbImage::from_pixel(width, height, Rgb([128; 3])), 1.0),
         ];
         for (image, background) in pictures.iter().flat_map(|a| pictures.iter().map(move |b| (a, b))) {
-            if let Some(found) = detect(image, background) {
+            if let Some(found) = detect_disc(image, background) {
                 let Circle { centre_px: [x, y], radius_px } = found.circle;
                 assert!(x.is_finite() && y.is_finite() && radius_px > 0.0 && (0.0..=1.0).contains(&found.confidence));
                 assert!(found.confidence < 0.5, "{found:?} in {width} x {height}");

@@ -9,13 +9,13 @@ use std::time::Instant;
 use gelsim_core::fidelity::{Fidelity, Models};
 use gelsim_core::gelpad::Model;
 use gelsim_core::gelpad::gaussian::Gaussian;
-use gelsim_core::gelpad::none::NoDeformation;
+use gelsim_core::gelpad::no_deformation::NoDeformation;
 use gelsim_files::diagnostic::Diagnostics;
 use gelsim_job::config::{self, Overrides};
 use gelsim_job::plan::Plan;
 
-use super::shapes::{Format, Shape};
 use super::sound::{self, Figures};
+use crate::shapes::{Format, Shape};
 
 /// What a sample wears.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,9 +33,9 @@ pub enum Dress {
 pub enum Extent {
     /// Every model of the pad in every dress.
     All,
-    /// The cheapest rungs in every dress.
+    /// The cheapest levels in every dress.
     Cheap,
-    /// The cheapest rung with an elastic pad, plain.
+    /// The cheapest level with an elastic pad, plain.
     Once,
     /// The job's own model of the pad in every dress.
     Own,
@@ -52,7 +52,7 @@ pub enum Touches {
 /// A hard case.
 #[derive(Clone)]
 pub struct Case {
-    /// As in the docs: docs/stability-contact.md, stability-geometry.md or stability-light.md.
+    /// As in docs/evidence/stability-cases.md.
     pub name: &'static str,
     /// What could go wrong.
     pub trouble: &'static str,
@@ -237,16 +237,16 @@ impl Case {
         }
     }
 
-    /// The plan at every rung, and with the models of the pad that no rung has.
+    /// The plan at every level, and with the models of the pad that no level has.
     fn variants(&self, plan: &Plan) -> Vec<(&'static str, Plan)> {
         let with = |gelpad| plan.with_models(Models { gelpad, optics: plan.simulator.models().optics.clone() });
-        let rungs: &[Fidelity] = match self.extent {
+        let levels: &[Fidelity] = match self.extent {
             Extent::All => &Fidelity::ALL,
             Extent::Cheap => &[Fidelity::Paper, Fidelity::Draft],
             Extent::Once => &[Fidelity::Draft],
             Extent::Own => &[],
         };
-        let mut variants: Vec<_> = rungs.iter().map(|rung| (rung.name(), plan.with_fidelity(*rung))).collect();
+        let mut variants: Vec<_> = levels.iter().map(|level| (level.name(), plan.with_fidelity(*level))).collect();
         if self.extent == Extent::Own {
             variants.push(("its own", with(plan.simulator.models().gelpad.clone())));
         }
@@ -274,13 +274,13 @@ impl Case {
                     continue;
                 }
             };
-            for (rung, plan) in self.variants(&plan) {
+            for (level, plan) in self.variants(&plan) {
                 let start = Instant::now();
                 let outcome = catch_unwind(AssertUnwindSafe(|| sound::check(&plan)));
                 match outcome {
                     Ok(Ok(one)) => figures.add(&one, start.elapsed()),
-                    Ok(Err(text)) => wrong.push(format!("{what}, {rung}: {text}")),
-                    Err(_) => wrong.push(format!("{what}, {rung}: panicked")),
+                    Ok(Err(text)) => wrong.push(format!("{what}, {level}: {text}")),
+                    Err(_) => wrong.push(format!("{what}, {level}: panicked")),
                 }
             }
         }
@@ -328,6 +328,6 @@ pub fn run(case: &Case) -> Figures {
 
 fn resolve(job: String, folder: &Path, overrides: &Overrides) -> Result<Plan, String> {
     let mut problems = Diagnostics::default();
-    let written = config::read_text("job", job, folder, overrides, &mut problems);
+    let written = config::read_job_text("job", job, folder, overrides, &mut problems);
     Plan::resolve(written, problems).map_err(|report| report.to_string())
 }

@@ -3,8 +3,8 @@
 use std::sync::LazyLock;
 
 use super::case::{Case, Extent, Touches, run};
-use super::shapes::{Random, Shape};
 use crate::cases::check_cases;
+use crate::shapes::{Random, Shape};
 
 const PX: [u32; 2] = [48, 36];
 const PITCH: [f64; 2] = [0.4; 2];

@@ -41,13 +41,13 @@ const ELSEWHERE: Numbers =
 const NO_SHADOWS: &str = "optics.phong.shadows = 'none'\n";
 
 /// The most that any nudge of a press changes.
-fn most(setting: &Setting<'_>, numbers: &Numbers) -> Change {
-    let base = setting.shown(numbers);
+fn largest_change(setting: &Setting<'_>, numbers: &Numbers) -> Change {
+    let base = setting.press(numbers);
     let nudged = NUDGES.iter().filter(|(_, needs, _)| *needs == Extras::None || setting.extras == Extras::All);
     nudged.fold(Change::default(), |most, (_, _, nudge)| {
         let mut moved = *numbers;
         nudge(&mut moved);
-        most.or(base.change(&setting.shown(&moved)))
+        most.or(base.change(&setting.press(&moved)))
     })
 }
 
@@ -57,55 +57,55 @@ fn a_millionth_more_of_anything_does_not_show() {
         true => [&["sphere", "cone", "torus", "cube", "coin"], &["sphere", "cube", "coin"]],
         false => [&["sphere", "cube"], &["coin"]],
     };
-    for rung in Fidelity::ALL {
+    for level in Fidelity::ALL {
         let mut all = Change::default();
         for (extras, objects) in [Extras::None, Extras::All].into_iter().zip(objects) {
             for object in objects {
-                let setting = Setting { object, rung, extras, more: NO_SHADOWS, ..Setting::default() };
-                let change = most(&setting, &GENERIC).or(match extras {
-                    Extras::None => most(&setting, &ELSEWHERE),
+                let setting = Setting { object, level, extras, more: NO_SHADOWS, ..Setting::default() };
+                let change = largest_change(&setting, &GENERIC).or(match extras {
+                    Extras::None => largest_change(&setting, &ELSEWHERE),
                     Extras::All => Change::default(),
                 });
-                assert_eq!(change.flipped_px, 0, "{object}, {rung:?}, {extras:?}: no edge is near a pixel centre");
-                assert!(change.surface_um < 0.3, "{object}, {rung:?}, {extras:?}: {change:?}");
-                assert!(change.light_levels < 0.1, "{object}, {rung:?}, {extras:?}: {change:?}");
-                assert!(change.image_levels <= 1, "{object}, {rung:?}, {extras:?}: {change:?}");
-                assert!(change.image_share < 1e-3, "{object}, {rung:?}, {extras:?}: {change:?}");
+                assert_eq!(change.flipped_px, 0, "{object}, {level:?}, {extras:?}: no edge is near a pixel centre");
+                assert!(change.surface_um < 0.3, "{object}, {level:?}, {extras:?}: {change:?}");
+                assert!(change.light_levels < 0.1, "{object}, {level:?}, {extras:?}: {change:?}");
+                assert!(change.image_levels <= 1, "{object}, {level:?}, {extras:?}: {change:?}");
+                assert!(change.image_share < 1e-3, "{object}, {level:?}, {extras:?}: {change:?}");
                 all = all.or(change);
             }
         }
-        println!("a millionth, {rung:?}: {all:?}");
+        println!("a millionth, {level:?}: {all:?}");
     }
 }
 
 #[test]
 fn a_millionth_more_of_anything_moves_no_shadow_but_in_single_pixels() {
     // Where two obstacles are as high over a ray, the nearer one takes over, and how soft its shadow is jumps.
-    for rung in [Fidelity::Draft, Fidelity::Standard, Fidelity::High] {
+    for level in [Fidelity::Draft, Fidelity::Standard, Fidelity::High] {
         let mut all = Change::default();
         for object in ["sphere", "cone", "torus", "cube", "coin"] {
-            let setting = Setting { object, rung, ..Setting::default() };
-            let change = most(&setting, &GENERIC).or(most(&setting, &ELSEWHERE));
-            assert!(change.light_levels < 8.0 && change.light_share < 1e-3, "{object}, {rung:?}: {change:?}");
-            assert!(change.image_share < 2e-3, "{object}, {rung:?}: {change:?}");
+            let setting = Setting { object, level, ..Setting::default() };
+            let change = largest_change(&setting, &GENERIC).or(largest_change(&setting, &ELSEWHERE));
+            assert!(change.light_levels < 8.0 && change.light_share < 1e-3, "{object}, {level:?}: {change:?}");
+            assert!(change.image_share < 2e-3, "{object}, {level:?}: {change:?}");
             all = all.or(change);
         }
-        println!("a millionth, shadows, {rung:?}: {all:?}");
+        println!("a millionth, shadows, {level:?}: {all:?}");
     }
 }
 
 #[test]
 fn an_edge_that_crosses_pixel_centres_moves_by_a_row_of_pixels() {
     // The sides of a cube of 5 mm lie on pixel centres: 20 of them on each.
-    for rung in Fidelity::ALL {
-        let setting = Setting { rung, object: "cube", more: NO_SHADOWS, ..Setting::default() };
+    for level in Fidelity::ALL {
+        let setting = Setting { level, object: "cube", more: NO_SHADOWS, ..Setting::default() };
         let numbers = |x_mm: f64| Numbers { x_mm, y_mm: 0.0, yaw_deg: 0.0, tilt_deg: 0.0, ..GENERIC };
         for x_mm in [0.125 - 1e-6, 0.125] {
-            let change = setting.shown(&numbers(x_mm)).change(&setting.shown(&numbers(x_mm + 1e-6)));
-            println!("an edge on pixel centres, {rung:?}, from {x_mm}: {change:?}");
-            assert_eq!(change.flipped_px, 20, "{rung:?}, {x_mm}");
+            let change = setting.press(&numbers(x_mm)).change(&setting.press(&numbers(x_mm + 1e-6)));
+            println!("an edge on pixel centres, {level:?}, from {x_mm}: {change:?}");
+            assert_eq!(change.flipped_px, 20, "{level:?}, {x_mm}");
             // On the grid of draft the row may be one of its own, four pixels wide.
-            assert!(change.light_share < 0.7, "{rung:?}, {x_mm}: {change:?}");
+            assert!(change.light_share < 0.7, "{level:?}, {x_mm}: {change:?}");
         }
     }
 }

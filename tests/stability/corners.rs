@@ -6,86 +6,12 @@ use std::time::{Duration, Instant};
 use gelsim_core::fidelity::Fidelity;
 
 use super::case::{Case, Dress};
-use super::shapes::{Random, Shape};
 use super::sound;
-
-/// Keys with values at the ends of their ranges, and some between.
-const KEYS: [(&str, &[&str]); 44] = [
-    ("sensor.gelpad_youngs_modulus_kpa", &["1e-3", "1e9"]),
-    ("sensor.darkening", &["0.0", "1.0"]),
-    ("sensor.stray_light", &["[0.0, 0.0, 0.0]", "[0.4, 0.0, 1.0]"]),
-    (
-        "sensor.rendered_background.pattern",
-        &["{ red = [0,0,0,0,0,0,0,0,0,0,0,0,0,0,0], green = [1,0,0,0,0,0,0,0,0,0,0,0,0,0,0], \
-             blue = [100,-100,100,-100,100,-100,100,-100,100,-100,100,-100,100,-100,100] }"],
-    ),
-    ("sensor.rendered_background.color", &["[0.0, 0.0, 0.0]", "[1.0, 1.0, 1.0]"]),
-    ("sensor.rendered_background.glow", &["0.0", "10.0"]),
-    ("sensor.rendered_background.glow_reach_mm", &["1e-3", "1e6"]),
-    ("sensor.rendered_background.vignette", &["0.0", "1.0"]),
-    ("sensor.rendered_background.grain", &["0.0", "1.0"]),
-    ("sensor.rendered_background.grain_size_mm", &["1e-3", "1e3"]),
-    ("sensor.rendered_background.dust_per_cm2", &["0.0", "1e3"]),
-    ("sensor.rendered_background.dust_size_mm", &["1e-3", "10.0"]),
-    (
-        "sensor.light_residual",
-        &[
-            "{ steepest = 0.01, heights_mm = [0.0, 0.0], red = [100,100,100,100,100,100,100,100,100,100,100,100], \
-             green = [0,0,0,0,0,0,0,0,0,0,0,0], blue = [0,0,0,0,0,0,0,0,0,-100,100,-100] }",
-            "{ steepest = 1.0, heights_mm = [-100.0, 100.0], red = [100,-100,100,-100,100,-100,100,-100,100,-100,100,-100], \
-             green = [1,0,0,0,0,0,0,0,0,0,0,0], blue = [0,0,0,0,0,0,0,0,0,100,100,100] }",
-        ],
-    ),
-    ("sensor.grain", &["{ height_um = 100.0, size_mm = 1e-3 }", "{ height_um = 100.0, size_mm = 1e3 }"]),
-    ("pose.yaw_deg", &["1e-9", "45.0", "-90.0", "3600.0"]),
-    ("pose.tilt_deg", &["1e-9", "0.01", "89.9999", "90.0", "-90.0"]),
-    ("pose.tilt_azimuth_deg", &["0.0", "90.0", "-3600.0"]),
-    ("pose.face", &["'any'", "'+x'", "'-y'"]),
-    ("pose.anchor", &["'bounds'", "'contact'"]),
-    ("pose.x_mm", &["1e-9", "1e4"]),
-    ("texture.patterns", &["['brushed']", "['knurled']", "['woven']", "['dimples']"]),
-    ("texture.amplitude_mm", &["0.0", "1e-9", "10.0"]),
-    ("texture.scale_mm", &["1e-3", "1e3"]),
-    ("shear.x_mm", &["0.0", "-10.0", "10.0"]),
-    ("shear.twist_deg", &["0.0", "-45.0", "45.0"]),
-    ("shear.friction", &["'stick'", "{ coulomb = { coefficient = 0.0 } }", "{ coulomb = { coefficient = 10.0 } }"]),
-    ("markers.pitch_mm", &["0.05", "1.5", "1e3"]),
-    ("markers.diameter_mm", &["0.0", "0.4", "100.0"]),
-    ("markers.jitter_mm", &["0.0", "100.0"]),
-    ("markers.edge_mm", &["0.0", "10.0"]),
-    ("optics.MODEL.ambient", &["0.0", "1.0"]),
-    ("optics.MODEL.diffuse", &["0.0", "10.0"]),
-    ("optics.MODEL.specular", &["0.0", "10.0"]),
-    ("optics.MODEL.shininess", &["0.0", "0.5", "1.0", "65.0", "1000.0"]),
-    ("optics.MODEL.darkening", &["0.0", "1.0"]),
-    ("optics.MODEL.equation", &["'literal'"]),
-    (
-        "optics.MODEL.shadows",
-        &["'none'", "{ soft = { resolution = 'full' } }", "{ soft = { resolution = 'quarter' } }"],
-    ),
-    ("camera.distortion_k1", &["-0.25", "0.0", "1.0"]),
-    ("camera.distortion_k2", &["0.0", "1.0"]),
-    ("camera.vignette", &["0.0", "1.0"]),
-    ("camera.defocus_mm", &["0.0", "1.0"]),
-    ("camera.exposure", &["0.01", "100.0"]),
-    ("camera.red_gain", &["0.01", "100.0"]),
-    ("camera.shot_noise_levels", &["0.0", "255.0"]),
-];
+use crate::random_jobs::extremes;
+use crate::shapes::{Random, Shape};
 
 fn pick<T: Copy>(random: &mut Random, values: &[T]) -> T {
     values[(random.unit() * values.len() as f64) as usize]
-}
-
-fn led(random: &mut Random) -> String {
-    let mut one = |values: &[&str]| pick(random, values).to_owned();
-    format!(
-        "{{ azimuth_deg = {}, elevation_deg = {}, angular_size_deg = {}, distance_mm = {}, intensity = {} }}",
-        one(&["0.0", "90.0", "123.0", "-3600.0"]),
-        one(&["0.0", "1e-9", "8.5", "45.0", "90.0"]),
-        one(&["[0.0, 0.0]", "[40.0, 10.0]", "[90.0, 90.0]"]),
-        one(&["0.01", "1.0", "20.0", "1e6"]),
-        one(&["0.0", "1.0", "100.0"]),
-    )
 }
 
 fn case(random: &mut Random) -> Case {
@@ -106,17 +32,8 @@ fn case(random: &mut Random) -> Case {
         }),
         _ => Shape::soup([[[0.0, 0.0, 0.0], [size, 0.1 * size, 0.0], [0.0, size, 0.3 * size]]]),
     };
-    let mut case =
-        Case::new("corner", "").view(px, mm_per_px).pad(thickness_mm, pick(random, &[0.0, 0.3, 0.48, 0.4999]));
-    for (key, values) in KEYS {
-        if random.unit() < 0.25 {
-            case = case.set(format!("{key} = {}", pick(random, values)));
-        }
-    }
-    if random.unit() < 0.5 {
-        let leds: Vec<String> = (0..1 + (random.unit() * 3.0) as usize).map(|_| led(random)).collect();
-        case = case.set(format!("sensor.led = [{}]", leds.join(", ")));
-    }
+    let case = Case::new("corner", "").view(px, mm_per_px).pad(thickness_mm, pick(random, &[0.0, 0.3, 0.48, 0.4999]));
+    let case = extremes(&mut || random.unit()).into_iter().fold(case, Case::set);
     case.shape(shape).depth(depth_mm)
 }
 
@@ -128,13 +45,13 @@ fn random_corners_of_all_ranges_give_sound_samples_or_are_refused() {
         let mut random = Random(1000 + number);
         let case = case(&mut random);
         let dress = pick(&mut random, &[Dress::Plain, Dress::Still, Dress::Noisy]);
-        let rung = pick(&mut random, &Fidelity::ALL);
+        let level = pick(&mut random, &Fidelity::ALL);
         let start = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| match case.plan(dress) {
-            Ok(plan) => sound::check(&plan.with_fidelity(rung)).map(|_| false),
+            Ok(plan) => sound::check(&plan.with_fidelity(level)).map(|_| false),
             Err(_) => Ok(true),
         }));
-        let what = || format!("job {number}, {dress:?}, {}: {case:?}", rung.name());
+        let what = || format!("job {number}, {dress:?}, {}: {case:?}", level.name());
         match outcome {
             Ok(Ok(was_refused)) => refused += u64::from(was_refused),
             Ok(Err(text)) => wrong.push(format!("{text}: {}", what())),

@@ -3,8 +3,8 @@
 use std::sync::LazyLock;
 
 use super::case::{Case, Extent, Touches, run};
-use super::shapes::{Format, Random, Shape};
 use crate::cases::check_cases;
+use crate::shapes::{Format, Random, Shape};
 
 /// Triangles in the plane z = 0, at random within `half` mm of its middle.
 fn coincident(count: usize, half: f64) -> Shape {

@@ -3,14 +3,14 @@
 use std::io::Cursor;
 use std::sync::LazyLock;
 
-use gelsim_core::base::rng::stream;
-use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response};
-use gelsim_dataset::encode::json;
-use gelsim_lab::calibrate::{Geometry, table};
+use gelsim_core::base::rng::random_stream;
+use gelsim_core::optics::calibrated::response::{CalibrationResponse, INPUTS, OUTPUTS};
+use gelsim_dataset::encode::to_json_line;
+use gelsim_lab::calibrate::{Geometry, build_table};
 
 use super::case::{Case, Dress, run};
-use super::shapes::Shape;
 use crate::cases::check_cases;
+use crate::shapes::Shape;
 
 fn photograph(width: u32, height: u32, level: u8) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
@@ -28,15 +28,16 @@ fn photo(name: &'static str, trouble: &'static str, bytes: Vec<u8>) -> Case {
     Case::new(name, trouble).file("rest.png", bytes).set("sensor.background = 'FOLDER/rest.png'")
 }
 
-/// A case with measured light, as strong as LEDs have it; the dress with near LEDs wears those instead.
-fn measured(name: &'static str, trouble: &'static str) -> Case {
-    let mut random = stream(4, "calibration", 0);
-    let mut weight = || (0.1 * random.normal()) as f32;
+/// A case with calibrated light, as strong as LEDs have it; the dress with near LEDs wears those instead.
+fn calibrated(name: &'static str, trouble: &'static str) -> Case {
+    let mut random = random_stream(4, "calibration", 0);
+    let mut weight = || (0.1 * random.standard_normal()) as f32;
     let hidden: Vec<_> = (0..8).map(|_| std::array::from_fn(|_| weight())).collect();
     let outputs = (0..OUTPUTS).map(|_| (0..hidden.len() + INPUTS + 1).map(|_| weight()).collect()).collect();
-    let response = Response { height_mm: 0.5, place_mm: 9.6, heights_mm: [-0.1, 0.6], steepest: 0.7, hidden, outputs };
-    let table = table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.95 });
-    Case::new(name, trouble).file("table.json", json(&table)).set("sensor.calibration = 'FOLDER/table.json'")
+    let response =
+        CalibrationResponse { height_mm: 0.5, place_mm: 9.6, heights_mm: [-0.1, 0.6], steepest: 0.7, hidden, outputs };
+    let table = build_table(response, Geometry { thickness_mm: 3.0, contact_over_disc: 0.95 });
+    Case::new(name, trouble).file("table.json", to_json_line(&table)).set("sensor.calibration = 'FOLDER/table.json'")
 }
 
 /// The case with walls; its normals are asked for.
@@ -85,14 +86,14 @@ fn cases() -> Vec<Case> {
         Case::new("a saturated rendered background", "light over white")
             .set("sensor.rendered_background = { color = [1.0, 1.0, 1.0], glow = 10.0, grain = 1.0 }")
             .set(strong),
-        measured("a ball in measured light", "a pad that is not flat where it should be"),
-        measured("walls in measured light", "slopes and heights that nothing was learnt from")
+        calibrated("a ball in calibrated light", "a pad that is not flat where it should be"),
+        calibrated("walls in calibrated light", "slopes and heights that nothing was learnt from")
             .depth(2.5)
             .shape(Shape::brick([-3.0, -2.0, 0.0], [2.0, 3.0, 8.0])),
-        measured("a corner in measured light", "places beyond the view")
+        calibrated("a corner in calibrated light", "places beyond the view")
             .shape(Shape::brick([5.0, 4.0, 0.0], [60.0, 50.0, 8.0])),
-        measured("a pixel of measured light", "a grid of nothing").view([1, 1], [0.4; 2]),
-        measured("half a table", "a reader that panics").file("table.json", b"{\"calibration_version\": 1".to_vec())
+        calibrated("a pixel of calibrated light", "a grid of nothing").view([1, 1], [0.4; 2]),
+        calibrated("half a table", "a reader that panics").file("table.json", b"{\"calibration_version\": 1".to_vec())
             .refused("no table of `gelsim calibrate`"),
         photo("a black photograph", "light below 0", photograph(48, 36, 0)).set(strong),
         photo("a white photograph", "light over white", photograph(48, 36, 255)).set(strong),

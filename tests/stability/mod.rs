@@ -1,15 +1,15 @@
 //! Hard cases: whatever the input, a sample is finite, bounded, steady and explained, or it is refused with a reason.
 //!
 //! Named cases stand in tables by group (`contact`, `geometry`, `light`, `texture`); `corners` puts ends of ranges together
-//! at random. `case` makes a job of one as a user would write it, plain and with every effect on; `shapes` makes meshes;
-//! `sound` holds what must be true of a sample.
+//! at random. `case` makes a job of one as a user would write it, plain and with every effect on; `sound` holds what
+//! must be true of a sample.
 //!
 //! `press` makes jobs whose numbers a test moves one at a time: `continuity` moves them by a millionth, `sweeps` through the
-//! places where the code changes its way of working. `symmetry` turns and mirrors whole samples; `twin` makes them a second
-//! time, in f64, and `stages` each stage from the one before; `properties` draws random jobs. `curved` holds the hard cases of gels that
-//! are not flat.
+//! places where the code changes its way of working. `symmetry` turns and mirrors samples; `twin` compares them with
+//! the reference pipeline in f64, and `stages` each stage with what follows from the one before; `properties` draws
+//! random jobs. `curved` holds the hard cases of gels that are not flat.
 //!
-//! What was found stands in docs/stability-reference.md and the pages that it lists. The figures are printed by
+//! What was found stands in docs/evidence/stability.md and docs/evidence/stability-cases.md. The figures are printed by
 //! `cargo test --release --test library stability -- --nocapture`.
 
 mod case;
@@ -21,7 +21,6 @@ mod geometry;
 mod light;
 mod press;
 mod properties;
-mod shapes;
 mod sound;
 mod stages;
 mod sweeps;
@@ -40,18 +39,11 @@ fn all() -> impl Iterator<Item = &'static Case> {
 
 #[test]
 fn every_case_stands_in_the_docs_once() {
-    let docs: String = ["contact", "geometry", "light"]
-        .map(|page| format!("{}/docs/stability-{page}.md", env!("CARGO_MANIFEST_DIR")))
-        .map(|path| std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}")))
-        .concat();
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/evidence/stability-cases.md");
+    let page = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{path}: {error}"));
     for case in all() {
         let row = format!("| {} |", case.name);
-        assert_eq!(
-            docs.matches(&row).count(),
-            1,
-            "docs/stability-contact.md, -geometry.md and -light.md have no row, or more than one, for `{}`",
-            case.name
-        );
+        assert_eq!(page.matches(&row).count(), 1, "{path} has no row, or more than one, for `{}`", case.name);
     }
 }
 

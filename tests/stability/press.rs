@@ -4,11 +4,14 @@ use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::light::Light;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::optics::normals::surface_normals;
 use gelsim_core::simulator::Stages;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
 
+use crate::oracle::pipeline_f64::{apart, light_of, misrounded, normals_of, turned_deg};
 use crate::plan::plan;
 
 /// The numbers of a press, each of which can be moved alone.
@@ -86,7 +89,7 @@ impl Extras {
 #[derive(Clone, Copy, Debug)]
 pub struct Setting<'a> {
     pub object: &'a str,
-    pub rung: Fidelity,
+    pub level: Fidelity,
     pub extras: Extras,
     pub resolution_px: [u32; 2],
     /// The point of the object that the pose places.
@@ -99,7 +102,7 @@ impl Default for Setting<'_> {
     fn default() -> Self {
         Self {
             object: "sphere",
-            rung: Fidelity::Standard,
+            level: Fidelity::Standard,
             extras: Extras::None,
             resolution_px: [80, 60],
             anchor: "bounds",
@@ -115,7 +118,7 @@ impl Setting<'_> {
 
     /// With LEDs that have these lines, too.
     pub fn plan_with(&self, numbers: &Numbers, of_leds: &str) -> Plan {
-        let Self { object, rung, extras, resolution_px, anchor, more } = self;
+        let Self { object, level, extras, resolution_px, anchor, more } = self;
         let Numbers { depth_mm, x_mm, y_mm, yaw_deg, tilt_deg, tilt_azimuth_deg, .. } = numbers;
         let Numbers { youngs_modulus_kpa, poisson_ratio, thickness_mm, led_azimuth_deg, led_elevation_deg, .. } =
             numbers;
@@ -131,14 +134,14 @@ impl Setting<'_> {
              tilt_azimuth_deg = {tilt_azimuth_deg:?}, anchor = '{anchor}' }}\nindentation.depth_mm = {depth_mm:?}\n\
              sensor.resolution_px = {resolution_px:?}\nsensor.gelpad_youngs_modulus_kpa = {youngs_modulus_kpa:?}\n\
              sensor.gelpad_poisson_ratio = {poisson_ratio:?}\nsensor.gelpad_thickness_mm = {thickness_mm:?}\n{}{more}\n{}",
-            rung.name(),
+            level.name(),
             extras.lines(numbers),
             leds.collect::<String>(),
         ))
     }
 
     /// What the press gives.
-    pub fn shown(&self, numbers: &Numbers) -> Shown {
+    pub fn press(&self, numbers: &Numbers) -> Shown {
         let plan = self.plan(numbers);
         let sample = render(&plan, 0);
         Shown::of(&plan, sample)
@@ -164,7 +167,7 @@ impl Shown {
             plan.simulator.background(),
             &mut EffectLog::new(EffectPolicy::WhereNeeded),
         );
-        let light = light.whole();
+        let light = light.into_light();
         Self {
             depth: sample.impression.depth.below_pad(),
             surface: sample.impression.contact.surface,
@@ -241,4 +244,36 @@ impl Change {
             image_share: self.image_share.max(other.image_share),
         }
     }
+}
+
+/// The pad of a sample without what was sampled between its pixels' centres.
+fn contact_at_centres(sample: &Sample) -> Contact {
+    let mut contact = sample.impression.contact.clone();
+    contact.subpixel = None;
+    contact
+}
+
+/// The sample's light, grey levels, everywhere.
+pub fn light_everywhere(plan: &Plan, sample: &Sample) -> Vec<f32> {
+    let (contact, mut everywhere) = (contact_at_centres(sample), EffectLog::new(EffectPolicy::All));
+    levels(plan, &plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut everywhere).into_light())
+}
+
+/// The image of that.
+pub fn image_everywhere(plan: &Plan, sample: &Sample) -> Vec<u8> {
+    let (contact, mut effects) = (contact_at_centres(sample), EffectLog::new(EffectPolicy::All));
+    let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects);
+    let camera = sample.impression.camera;
+    plan.simulator.camera().expose(light, Some(&contact.mask), None, &camera, &mut effects).rgb
+}
+
+/// How far a sample is from what follows from a surface in f64: normals, degrees; light, grey levels; image, levels
+/// beyond half of one.
+pub fn errors_of_light(plan: &Plan, sample: &Sample, surface: &Grid<f64>) -> [f64; 3] {
+    let (view, expected) = (plan.simulator.view(), light_of(surface, plan));
+    [
+        turned_deg(&surface_normals(&sample.impression.contact, view), &normals_of(surface, view)),
+        apart(&light_everywhere(plan, sample), &expected),
+        misrounded(&image_everywhere(plan, sample), &expected),
+    ]
 }

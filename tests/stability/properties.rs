@@ -1,20 +1,20 @@
 //! Random jobs: whatever they ask for, every number is finite, within its range, and the same a second time.
 
 use gelsim_core::base::grid::{Grid, bounding_box};
-use gelsim_core::depth::rest;
+use gelsim_core::depth::rest_surface;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::optics::Model;
 use gelsim_core::optics::led::Led;
 use gelsim_core::simulator::Stages;
-use gelsim_dataset::encode::members;
+use gelsim_dataset::encode::encode_members;
 use gelsim_job::label::Label;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
 use proptest::test_runner::{Config, RngSeed, TestCaseError, TestRunner};
 
-use crate::effects::jobs::job;
 use crate::plan::plan;
+use crate::random_jobs::{Draw, job};
 
 /// The largest share of an LED's light that a pixel can get, over that in the middle of the image: a near LED's falls
 /// with the square of the distance. The surface stays between `heights_mm`.
@@ -39,7 +39,7 @@ fn strongest(plan: &Plan, led: &Led, heights_mm: [f64; 2]) -> f64 {
 /// Between what heights a sample's surface stays, mm towards the camera: displacements, over the pad at rest.
 fn heights_mm(plan: &Plan) -> [f64; 2] {
     let sensor = plan.simulator.sensor();
-    let relief = rest::relief(plan.simulator.drop_mm(), sensor.coating.as_ref(), plan.simulator.view());
+    let relief = rest_surface::rest_relief(plan.simulator.drop_mm(), sensor.coating.as_ref(), plan.simulator.view());
     let heights = relief.iter().flat_map(|relief| &relief.data).map(|mm| f64::from(*mm));
     let [low, high] = heights.fold([0.0, 0.0], |[low, high]: [f64; 2], mm| [low.min(mm), high.max(mm)]);
     [low - plan.thickness_mm(), high + plan.thickness_mm()]
@@ -89,7 +89,7 @@ fn check(plan: &Plan, sample: &Sample) -> Result<(), &'static str> {
         plan.simulator.background(),
         &mut EffectLog::new(EffectPolicy::WhereNeeded),
     );
-    let light = light.whole();
+    let light = light.into_light();
     let [low, high] = light_range(plan, sample);
     let slack = 1e-4 * (high - low);
     let within = |value: &f32| (low - slack..=high + slack).contains(&f64::from(*value));
@@ -135,15 +135,18 @@ fn check(plan: &Plan, sample: &Sample) -> Result<(), &'static str> {
 fn random_samples_are_finite_in_range_consistent_and_the_same_a_second_time() {
     let cases = if crate::thorough() { 300 } else { 120 };
     let config = Config { cases, rng_seed: RngSeed::Fixed(4), failure_persistence: None, ..Config::default() };
-    let result = TestRunner::new(config).run(&job(), |job| {
+    let result = TestRunner::new(config).run(&job(Draw::Effects), |job| {
         let plan = plan(&job);
-        for index in 0..plan.layout.samples() {
+        for index in 0..plan.layout.sample_count() {
             let sample = render(&plan, index);
             if let Err(wrong) = check(&plan, &sample) {
                 return Err(TestCaseError::fail(format!("sample {index}: {wrong} in\n{job}")));
             }
             let bytes = |sample: &Sample| -> Vec<Vec<u8>> {
-                members(&plan, sample).into_iter().map(|member| member.bytes.into_vec().expect("in memory")).collect()
+                encode_members(&plan, sample)
+                    .into_iter()
+                    .map(|member| member.bytes.into_vec().expect("in memory"))
+                    .collect()
             };
             if bytes(&sample) != bytes(&render(&plan, index)) {
                 return Err(TestCaseError::fail(format!("sample {index}: other bytes in\n{job}")));

@@ -2,9 +2,9 @@
 //!
 //! How high a pad may bulge: with G the layer's response, p the pressures and e a unit pressure on the pixel x, the
 //! displacement there is w(x) = (e, G p). G is symmetric and positive (Betti; elastic energy), so |w(x)|^2 <= (e, G e)
-//! (p, G p) (Cauchy and Schwarz); and (p, G p) = sum p w = sum p g, because pressure acts only where w is the overlap g.
-//! So no pixel is displaced by more than sqrt(K sum p max g), K being what a pixel's own pressure does to it; nor is any
-//! raised by more than sum p times the most that a pixel's pressure raises another.
+//! (p, G p) (Cauchy and Schwarz); and (p, G p) = sum p w = sum p g, because pressure acts only where w is the
+//! penetration g. So no pixel is displaced by more than sqrt(K sum p max g), K being what a pixel's own pressure does
+//! to it; nor is any raised by more than sum p times the most that a pixel's pressure raises another.
 
 use gelsim_core::impression::Impression;
 use gelsim_core::simulator::Stages;
@@ -16,7 +16,7 @@ use exr::prelude::{ReadChannels, ReadLayers};
 use gelsim_core::base::grid::{Rect, bounding_box};
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::gelpad::{Model, Pad};
-use gelsim_core::optics::normals::normals;
+use gelsim_core::optics::normals::surface_normals;
 use gelsim_dataset::archive::Member;
 use gelsim_dataset::encode;
 use gelsim_job::label::Label;
@@ -33,7 +33,7 @@ pub struct Figures {
     /// Largest violation of the contact conditions over the tolerance.
     pub residual: f64,
     pub iterations: u32,
-    /// Highest bulge over the deepest overlap.
+    /// Highest bulge over the deepest penetration.
     pub bulge: f64,
     /// Highest bulge over its bound.
     pub bulge_of_bound: f64,
@@ -103,19 +103,19 @@ pub fn check(plan: &Plan) -> Result<Figures, String> {
     solution(plan, &sample, &mut figures)?;
     picture(plan, &sample)?;
     label(plan, &sample)?;
-    let members = encode::members(plan, &sample);
+    let members = encode::encode_members(plan, &sample);
     for member in &members {
         decodes(member, plan, &sample).map_err(|text| format!("{}: {text}", member.suffix))?;
     }
-    let again = encode::members(plan, &render(plan, 0));
+    let again = encode::encode_members(plan, &render(plan, 0));
     ensure!(again.len() == members.len(), "another set of members the second time");
     for (first, second) in members.iter().zip(&again) {
-        ensure!(held(first)? == held(second)?, "{} has other bytes the second time", first.suffix);
+        ensure!(content_of(first)? == content_of(second)?, "{} has other bytes the second time", first.suffix);
     }
     Ok(figures)
 }
 
-fn finite<'a>(what: &str, values: impl IntoIterator<Item = &'a f32>) -> Result<(), String> {
+fn ensure_finite<'a>(what: &str, values: impl IntoIterator<Item = &'a f32>) -> Result<(), String> {
     match values.into_iter().find(|value| !value.is_finite()) {
         Some(value) => Err(format!("{what} holds {value}")),
         None => Ok(()),
@@ -127,8 +127,8 @@ fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String
     let Impression { depth, contact, .. } = &sample.impression;
     let [width, height] = plan.simulator.view().resolution_px;
     let thickness = plan.thickness_mm() as f32;
-    finite("the penetration", &depth.penetration.data)?;
-    finite("the surface", &contact.surface.data)?;
+    ensure_finite("the penetration", &depth.penetration.data)?;
+    ensure_finite("the surface", &contact.surface.data)?;
     ensure!(contact.finite, "the pad says that it is not finite");
     let below = depth.below_pad();
     ensure!((below.width, below.height) == (width, height), "a depth map of another size");
@@ -141,8 +141,8 @@ fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String
     ensure!(contact.mask.data.iter().all(|value| [0, 255].contains(value)), "a mask that is neither 0 nor 255");
     heights(plan, sample, figures)?;
 
-    let normals = normals(contact, plan.simulator.view());
-    finite("the normals", normals.as_flattened())?;
+    let normals = surface_normals(contact, plan.simulator.view());
+    ensure_finite("the normals", normals.as_flattened())?;
     for [x, y, z] in &normals {
         let length = (x * x + y * y + z * z).sqrt();
         ensure!((length - 1.0).abs() < 1e-5 && *z < 0.0, "a normal ({x}, {y}, {z})");
@@ -150,7 +150,7 @@ fn pad(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), String
         figures.steepest_deg = figures.steepest_deg.max(flat.atan2(f64::from(-z)).to_degrees());
     }
     if let Some(pressure) = &contact.pressure {
-        finite("the pressure", &pressure.data)?;
+        ensure_finite("the pressure", &pressure.data)?;
         ensure!(pressure.data.iter().all(|kpa| *kpa >= 0.0), "a pressure below 0");
         let outside = pressure.data.iter().zip(&contact.mask.data).find(|(kpa, mask)| **kpa > 0.0 && **mask == 0);
         ensure!(outside.is_none(), "pressure where nothing touches");
@@ -224,9 +224,9 @@ fn picture(plan: &Plan, sample: &Sample) -> Result<(), String> {
     let [width, height] = plan.simulator.view().resolution_px;
     ensure!((image.width, image.height) == (width, height), "an image of another size");
     ensure!(image.rgb.len() == 3 * width * height, "{} bytes", image.rgb.len());
-    let light = plan.simulator.light(&sample.impression.contact);
+    let light = plan.simulator.shade_contact(&sample.impression.contact);
     for plane in &light.planes {
-        finite("the light", plane)?;
+        ensure_finite("the light", plane)?;
     }
     ensure!(image.finite, "the image says that it is not finite");
     let saturated = image.rgb.chunks_exact(3).filter(|pixel| pixel.contains(&255)).count() as u64;
@@ -257,8 +257,8 @@ fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
     let touching = contact.mask.data.iter().filter(|value| **value > 0).count();
     ensure!(said.in_contact == (touching > 0), "in_contact is {}, {touching} pixels touch", said.in_contact);
     let [dx, dy] = plan.simulator.view().mm_per_px;
-    ensure!(close(said.area_mm2, touching as f64 * dx * dy), "an area of {} mm^2", said.area_mm2);
-    ensure!(close(said.fraction, touching as f64 / (width * height) as f64), "a share of {}", said.fraction);
+    ensure!(is_close(said.area_mm2, touching as f64 * dx * dy), "an area of {} mm^2", said.area_mm2);
+    ensure!(is_close(said.fraction, touching as f64 / (width * height) as f64), "a share of {}", said.fraction);
     let half = [width as f64 * dx / 2.0, height as f64 * dy / 2.0];
     let inside = (0..2).all(|k| said.centroid_mm[k].abs() <= half[k]);
     ensure!(inside, "a centroid at {:?}", said.centroid_mm);
@@ -276,7 +276,7 @@ fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
     let elastic = matches!(plan.simulator.pad(), Pad::Elastic(_));
     let unsolved = said.cut_by_view && said.force_unknown.contains("not solved");
     ensure!(said.force_n.is_some() == (elastic && !unsolved), "a force of {:?}", said.force_n);
-    ensure!(said.force_n.is_none_or(|said| said >= 0.0 && close(said, force)), "{:?} N, not {force}", said.force_n);
+    ensure!(said.force_n.is_none_or(|said| said >= 0.0 && is_close(said, force)), "{:?} N, not {force}", said.force_n);
     let peak = f64::from(peak);
     ensure!(said.peak_pressure_kpa.is_none_or(|said| said == peak), "a peak of {:?} kPa", said.peak_pressure_kpa);
 
@@ -294,12 +294,12 @@ fn label(plan: &Plan, sample: &Sample) -> Result<(), String> {
     Ok(())
 }
 
-fn close(a: f64, b: f64) -> bool {
+fn is_close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.abs().max(b.abs())
 }
 
 /// The content of a file.
-fn held(member: &Member) -> Result<std::borrow::Cow<'_, [u8]>, String> {
+fn content_of(member: &Member) -> Result<std::borrow::Cow<'_, [u8]>, String> {
     member.bytes.read().map_err(|error| error.to_string())
 }
 
@@ -307,7 +307,7 @@ fn held(member: &Member) -> Result<std::borrow::Cow<'_, [u8]>, String> {
 fn decodes(member: &Member, plan: &Plan, sample: &Sample) -> Result<(), String> {
     let [width, height] = plan.simulator.view().resolution_px;
     let text = |error: &dyn fmt::Display| error.to_string();
-    let bytes = held(member)?;
+    let bytes = content_of(member)?;
     match member.suffix.as_str() {
         "json" => {
             // A number that is not finite becomes null, and null is none of a label's numbers.

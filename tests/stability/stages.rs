@@ -1,6 +1,6 @@
 //! Each stage in f64 from what the sample's stage before it gave: only rounding is left between the two.
 //!
-//! Normals and light from the sample's surface at every rung; shadows by rays that are marched over it in small steps;
+//! Normals and light from the sample's surface at every level; shadows by rays that are marched over it in small steps;
 //! lens, vignette, exposure and quantising from the sample's light.
 
 use std::f64::consts::PI;
@@ -10,13 +10,12 @@ use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::camera::CameraParams;
 use gelsim_core::effects::{Effect, EffectPolicy};
 use gelsim_core::fidelity::Fidelity;
-use gelsim_core::optics::normals::normals;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
 use gelsim_job::scene::Scene;
 
-use super::press::{GENERIC, Setting};
-use super::twin::{apart, image, light, light_of, misrounded, normals_of, slopes_of, turned_deg};
+use super::press::{GENERIC, Setting, errors_of_light, image_everywhere, light_everywhere};
+use crate::oracle::pipeline_f64::{misrounded, slopes_of};
 use crate::oracle::shading::phong;
 
 fn exact(surface: &Grid<f32>) -> Grid<f64> {
@@ -24,33 +23,27 @@ fn exact(surface: &Grid<f32>) -> Grid<f64> {
 }
 
 #[test]
-fn normals_light_and_levels_follow_from_the_surface_at_every_rung() {
-    for rung in Fidelity::ALL {
+fn normals_light_and_levels_follow_from_the_surface_at_every_level() {
+    for level in Fidelity::ALL {
         for object in ["sphere", "coin", "knurl"] {
-            let setting = Setting { object, rung, more: "optics.phong.shadows = 'none'\n", ..Setting::default() };
+            let setting = Setting { object, level, more: "optics.phong.shadows = 'none'\n", ..Setting::default() };
             let plan = setting.plan(&GENERIC).with_policy(EffectPolicy::All);
             let sample = render(&plan, 0);
             let surface = exact(&sample.impression.contact.surface);
-            let turned = turned_deg(
-                &normals(&sample.impression.contact, plan.simulator.view()),
-                &normals_of(&surface, plan.simulator.view()),
-            );
-            let expected = light_of(&surface, &plan);
-            let off = apart(&light(&plan, &sample), &expected);
-            let misrounded = misrounded(&image(&plan, &sample), &expected);
+            let [turned, off, misrounded] = errors_of_light(&plan, &sample, &surface);
             println!(
-                "{object}, {rung:?}: normals {turned:.1e} degrees, light {off:.1e}, image {misrounded:.1e} levels"
+                "{object}, {level:?}: normals {turned:.1e} degrees, light {off:.1e}, image {misrounded:.1e} levels"
             );
             assert!(
                 turned < 2e-4 && off < 1e-3 && misrounded < 1e-3,
-                "{object}, {rung:?}: {turned} {off} {misrounded}"
+                "{object}, {level:?}: {turned} {off} {misrounded}"
             );
         }
     }
 }
 
 /// The share of an LED that each pixel of the view sees over the horizon, by rays marched over the surface.
-fn marched(plan: &Plan, surface: &Grid<f64>, azimuth_deg: f64, slopes: [f64; 2]) -> Vec<f64> {
+fn march_rays(plan: &Plan, surface: &Grid<f64>, azimuth_deg: f64, slopes: [f64; 2]) -> Vec<f64> {
     let [width, height] = plan.simulator.view().resolution_px;
     let pitch = plan.simulator.view().mm_per_px;
     let (sin, cos) = azimuth_deg.to_radians().sin_cos();
@@ -80,7 +73,7 @@ fn shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap() {
     // Where penumbras overlap, as between the dots, one obstacle stands for all.
     for (object, most_mean, most_over) in [("sphere", 0.2, 0.01), ("cone", 0.3, 0.04), ("dots", 1.5, 0.25)] {
         let setting =
-            Setting { object, rung: Fidelity::High, more: "optics.phong.darkening = 0.0\n", ..Setting::default() };
+            Setting { object, level: Fidelity::High, more: "optics.phong.darkening = 0.0\n", ..Setting::default() };
         // So narrow that rays of one azimuth are all there are.
         let plan = setting.plan_with(&GENERIC, "angular_size_deg = [0.1, 10.0]\n");
         let sample = render(&plan, 0);
@@ -92,7 +85,7 @@ fn shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap() {
         let mut expected: Vec<f64> = plan.simulator.background().rgb.iter().map(|level| f64::from(*level)).collect();
         for led in &plan.job().sensor.led {
             let flat = phong([0.0; 2], led, constants);
-            for (at, share) in marched(&plan, &surface, led.azimuth_deg, rays).into_iter().enumerate() {
+            for (at, share) in march_rays(&plan, &surface, led.azimuth_deg, rays).into_iter().enumerate() {
                 let gain = phong(slopes[at], led, constants) * share - flat;
                 for channel in 0..3 {
                     expected[3 * at + channel] += 255.0 * gain * led.color[channel] * led.intensity;
@@ -100,7 +93,7 @@ fn shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap() {
             }
         }
         let off: Vec<f64> =
-            light(&plan, &sample).iter().zip(&expected).map(|(a, b)| (f64::from(*a) - b).abs()).collect();
+            light_everywhere(&plan, &sample).iter().zip(&expected).map(|(a, b)| (f64::from(*a) - b).abs()).collect();
         let mean = off.iter().sum::<f64>() / off.len() as f64;
         let over = off.iter().filter(|levels| **levels > 2.0).count() as f64 / off.len() as f64;
         println!("shadows, {object}: {mean:.3} levels on the mean, over two in {over:.4}");
@@ -122,7 +115,7 @@ fn weights(sigma: f64) -> Vec<f64> {
 }
 
 /// What a camera makes of light, levels: defocus, distortion, vignette, exposure.
-fn seen(light: &[f64], plan: &Plan, shot: &CameraParams) -> Vec<f64> {
+fn through_camera(light: &[f64], plan: &Plan, shot: &CameraParams) -> Vec<f64> {
     let [width, height] = plan.simulator.view().resolution_px;
     let at = |from: &[f64], x: isize, y: isize, channel: usize| {
         let (x, y) = (x.clamp(0, width as isize - 1) as usize, y.clamp(0, height as isize - 1) as usize);
@@ -165,7 +158,7 @@ fn seen(light: &[f64], plan: &Plan, shot: &CameraParams) -> Vec<f64> {
 }
 
 #[test]
-fn the_camera_makes_the_image_from_the_light_at_every_rung() {
+fn the_camera_makes_the_image_from_the_light_at_every_level() {
     for (camera, bound) in [
         ("", 1e-3),
         ("camera.defocus_mm = 0.3\n", 1e-2),
@@ -177,22 +170,22 @@ fn the_camera_makes_the_image_from_the_light_at_every_rung() {
             1e-2,
         ),
     ] {
-        for rung in Fidelity::ALL {
+        for level in Fidelity::ALL {
             let more = format!("sensor.field_of_view_mm = [20.0, 12.0]\n{camera}");
-            let setting = Setting { object: "gear", rung, more: &more, ..Setting::default() };
+            let setting = Setting { object: "gear", level, more: &more, ..Setting::default() };
             let plan = setting.plan(&GENERIC).with_policy(EffectPolicy::All);
             let sample = render(&plan, 0);
-            let light: Vec<f64> = light(&plan, &sample).iter().map(|level| f64::from(*level)).collect();
-            let expected = seen(&light, &plan, &Scene::draw(&plan, 0, 0).camera);
-            let misrounded = misrounded(&image(&plan, &sample), &expected);
-            println!("{rung:?} {}: {misrounded:.1e} beyond half a level", camera.trim());
-            assert!(misrounded < bound, "{rung:?}, {camera}: {misrounded}");
+            let light: Vec<f64> = light_everywhere(&plan, &sample).iter().map(|level| f64::from(*level)).collect();
+            let expected = through_camera(&light, &plan, &Scene::draw(&plan, 0, 0).camera);
+            let misrounded = misrounded(&image_everywhere(&plan, &sample), &expected);
+            println!("{level:?} {}: {misrounded:.1e} beyond half a level", camera.trim());
+            assert!(misrounded < bound, "{level:?}, {camera}: {misrounded}");
 
-            // Without what it does not call for, by the bound of docs/effects.md.
+            // Without what it does not call for, by the bound of docs/explanation/effects.md.
             let gated = setting.plan(&GENERIC).with_policy(EffectPolicy::Without(Effect::Supersampling));
             let gain = Scene::draw(&gated, 0, 0).camera.gains.iter().copied().fold(0.0, f64::max);
             let misrounded = self::misrounded(&render(&gated, 0).impression.image.rgb, &expected);
-            assert!(misrounded < 0.46 * gain + bound, "{rung:?}, {camera}: {misrounded} with what is called for");
+            assert!(misrounded < 0.46 * gain + bound, "{level:?}, {camera}: {misrounded} with what is called for");
         }
     }
 }

@@ -1,8 +1,8 @@
 //! A mirrored or turned scene under mirrored or turned lights gives the mirrored or turned sample.
 //!
 //! Arithmetic is not symmetric to the bit: sums run from left to right, and the object is rasterised in f32. So images
-//! are compared within a level. The coarser grids on which rungs find shadows are symmetric for some sizes of the view only;
-//! for others they start nearer to one border than to the other.
+//! are compared within a level. The coarser grids on which levels find shadows are symmetric for some sizes of the view
+//! only; for others they start nearer to one border than to the other.
 
 use std::path::{Path, PathBuf};
 
@@ -104,7 +104,7 @@ fn objects(name: &str) -> [PathBuf; 2] {
 }
 
 impl Scene {
-    fn plan(&self, object: &[PathBuf; 2], rung: Fidelity, extras: &str) -> Plan {
+    fn plan(&self, object: &[PathBuf; 2], level: Fidelity, extras: &str) -> Plan {
         let Self { size_px, view_mm, at_mm: [x, y], yaw_deg, tilt_azimuth_deg, shift_mm: [u, v], twist_deg, .. } = self;
         let colors = ["[1.0, 0.2, 0.2]", "[0.2, 1.0, 0.3]", "[0.2, 0.3, 1.0]"];
         let led = |(azimuth, color): (&f64, &str)| {
@@ -120,7 +120,7 @@ impl Scene {
              tilt_azimuth_deg = {tilt_azimuth_deg:?}, anchor = 'origin' }}\nindentation.depth_mm = 0.8\n\
              sensor.resolution_px = {size_px:?}\nsensor.field_of_view_mm = {view_mm:?}\n\
              sensor.rendered_background = {{ glow = 0.0, vignette = 0.0, grain = 0.0 }}\n{shear}{extras}\n{}",
-            rung.name(),
+            level.name(),
             object[usize::from(self.mirrored_object)].display().to_string(),
             self.led_azimuth_deg.iter().zip(colors).map(led).collect::<String>(),
         ))
@@ -144,9 +144,9 @@ fn differences(a: &Sample, b: &Sample, place: impl Fn([usize; 2], [usize; 2]) ->
     (um, most)
 }
 
-/// True if the grid on which a rung finds shadows lies the same in a view of `size_px` and in its mirror.
-fn lies_evenly(size_px: [u32; 2], rung: Fidelity) -> bool {
-    let coarse = matches!(rung, Fidelity::Draft | Fidelity::Standard);
+/// True if the grid on which a level finds shadows lies the same in a view of `size_px` and in its mirror.
+fn lies_evenly(size_px: [u32; 2], level: Fidelity) -> bool {
+    let coarse = matches!(level, Fidelity::Draft | Fidelity::Standard);
     !coarse || size_px.iter().all(|size| size % 2 == 1)
 }
 
@@ -156,31 +156,31 @@ fn a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is() {
     let everything = "markers = { jitter_mm = 0.0 }\ncamera = { distortion_k1 = 0.07, vignette = 0.3, defocus_mm = 0.1 }\n\
          sensor.rest_shape.dome.radius_mm = 100.0\n";
     let views = [([64, 48], [16.0, 12.0]), ([63, 49], [15.75, 12.25]), ([61, 45], [15.25, 13.5])];
-    for rung in Fidelity::ALL {
+    for level in Fidelity::ALL {
         let (mut compared, mut most) = (0, (0.0_f64, 0));
         for (size_px, view_mm) in views {
             let scene = Scene { size_px, view_mm, ..STRAIGHT };
             for (object, extras) in objects.iter().flat_map(|object| ["", everything].map(|extras| (object, extras))) {
-                let plan = scene.plan(object, rung, extras);
-                let even = lies_evenly(size_px, rung);
+                let plan = scene.plan(object, level, extras);
+                let even = lies_evenly(size_px, level);
                 let straight = render(&plan, 0);
                 for (name, way, place) in WAYS {
                     // A transposition leaves the corner where grids start where it is.
                     if !even && name != "transposed" {
                         continue;
                     }
-                    let other = render(&way(scene).plan(object, rung, extras), 0);
+                    let other = render(&way(scene).plan(object, level, extras), 0);
                     let (um, levels) = differences(&straight, &other, place);
                     assert!(
                         um < 0.1 && levels <= 1,
-                        "{name}, {rung:?}, {size_px:?}, {extras}: {um} um, {levels} levels"
+                        "{name}, {level:?}, {size_px:?}, {extras}: {um} um, {levels} levels"
                     );
                     compared += 1;
                     most = (most.0.max(um), most.1.max(levels));
                 }
             }
         }
-        println!("{rung:?}: {compared} pairs differ by up to {:.4} um and {} levels", most.0, most.1);
-        assert!(compared >= 12 + 8, "{rung:?}: {compared} pairs");
+        println!("{level:?}: {compared} pairs differ by up to {:.4} um and {} levels", most.0, most.1);
+        assert!(compared >= 12 + 8, "{level:?}: {compared} pairs");
     }
 }

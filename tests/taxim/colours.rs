@@ -3,27 +3,27 @@
 use std::f64::consts::PI;
 
 use gelsim_core::base::simd::{scalar_only, simd_dispatch};
-use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch, Taxim};
+use gelsim_core::optics::calibrated::taxim::{LookupScratch, TaximCalibration, TaximLookup};
 
 use super::folder::{self, BINS, SIZE};
 
 /// Red, green and blue of the made-up calibration.
-pub fn colours() -> Taxim {
+pub fn colours() -> TaximCalibration {
     let polynomials = [0, 1, 2].map(|plane| {
         folder::grades(plane).as_chunks::<6>().0.iter().map(|polynomial| polynomial.map(|v| v as f32)).collect()
     });
-    Taxim { bins: BINS, resolution_px: SIZE, polynomials }
+    TaximCalibration { bins: BINS, resolution_px: SIZE, polynomials }
 }
 
 /// Steepness and direction in bins, with their fractions; the place in the calibration's picture.
-pub fn bins(taxim: &Taxim, slope: [f64; 2]) -> [f64; 2] {
+pub fn bins(taxim: &TaximCalibration, slope: [f64; 2]) -> [f64; 2] {
     let steps = (taxim.bins - 1) as f64;
     let steepness = slope[0].hypot(slope[1]).atan() / (0.5 * PI / steps);
     [steepness, (slope[1].atan2(slope[0]) + PI) / (2.0 * PI / steps)]
 }
 
 /// What a bin gives at a place, grey levels.
-pub fn polynomial(taxim: &Taxim, bin: [usize; 2], [x, y]: [f64; 2]) -> [f64; 3] {
+pub fn polynomial(taxim: &TaximCalibration, bin: [usize; 2], [x, y]: [f64; 2]) -> [f64; 3] {
     let features = [x * x, y * y, x * y, x, y, 1.0];
     taxim.polynomials.each_ref().map(|all| {
         let terms = all[bin[0] * taxim.bins + bin[1]].iter().zip(features);
@@ -31,13 +31,13 @@ pub fn polynomial(taxim: &Taxim, bin: [usize; 2], [x, y]: [f64; 2]) -> [f64; 3] 
     })
 }
 
-fn rows(lookup: &Lookup, y: usize, x0: usize, slopes: [&[f32]; 2]) -> [Vec<f32>; 3] {
+fn rows(lookup: &TaximLookup, y: usize, x0: usize, slopes: [&[f32]; 2]) -> [Vec<f32>; 3] {
     let mut change = [(); 3].map(|()| vec![f32::NAN; slopes[0].len()]);
-    let mut scratch = Scratch::default();
+    let mut scratch = LookupScratch::default();
     let [red, green, blue] = &mut change;
     simd_dispatch(
         #[inline(always)]
-        || lookup.row(y, x0, slopes, &mut scratch, [red, green, blue]),
+        || lookup.compute_row_change(y, x0, slopes, &mut scratch, [red, green, blue]),
     );
     change
 }
@@ -56,7 +56,7 @@ fn slopes(count: usize) -> [Vec<f32>; 2] {
 fn colours_are_those_of_a_plain_loop_in_f64() {
     let taxim = colours();
     taxim.validate().expect("valid");
-    let lookup = Lookup::new(&taxim, SIZE);
+    let lookup = TaximLookup::new(&taxim, SIZE);
     let [along, across] = slopes(24_000);
     let (mut worst, mut at_edges, mut bins_seen) = (0.0_f64, 0, std::collections::BTreeSet::new());
     for (row, (along, across)) in along.chunks(SIZE[0]).zip(across.chunks(SIZE[0])).enumerate() {
@@ -91,12 +91,12 @@ fn colours_are_those_of_a_plain_loop_in_f64() {
 #[test]
 fn the_axes_fall_into_the_bins_into_which_taxim_puts_them() {
     // 9 bins have edges at all of them; what `floor((arctan2(..) + pi) / (2 pi / 8))` gives.
-    let taxim = Taxim {
+    let taxim = TaximCalibration {
         bins: 9,
         resolution_px: [1, 1],
         polynomials: [(); 3].map(|()| (0..81).map(|bin| [0.0, 0.0, 0.0, 0.0, 0.0, bin as f32]).collect()),
     };
-    let lookup = Lookup::new(&taxim, [1, 1]);
+    let lookup = TaximLookup::new(&taxim, [1, 1]);
     let bin = |slope: [f32; 2]| rows(&lookup, 0, 0, [&[slope[0]], &[slope[1]]])[1][0] as usize;
     for size in [0.3_f64, 0.7] {
         let steepness = (size.atan() / (PI / 16.0)) as usize;
@@ -114,7 +114,7 @@ fn the_axes_fall_into_the_bins_into_which_taxim_puts_them() {
 #[test]
 fn nothing_changes_where_the_surface_is_flat_and_little_where_it_nearly_is() {
     let taxim = colours();
-    let lookup = Lookup::new(&taxim, SIZE);
+    let lookup = TaximLookup::new(&taxim, SIZE);
     let flat = rows(&lookup, 3, 0, [&[0.0; 24], &[-0.0; 24]]);
     assert!(flat.iter().flatten().all(|change| *change == 0.0));
     for levels in [1e-3, 0.4, 3.0, 1e9] {
@@ -136,7 +136,7 @@ fn nothing_changes_where_the_surface_is_flat_and_little_where_it_nearly_is() {
 
 #[test]
 fn a_part_of_a_row_is_as_in_the_whole_row_on_every_processor() {
-    let lookup = Lookup::new(&colours(), [40, 10]);
+    let lookup = TaximLookup::new(&colours(), [40, 10]);
     let [along, across] = slopes(40);
     let whole = rows(&lookup, 7, 0, [&along, &across]);
     assert_eq!(scalar_only(|| rows(&lookup, 7, 0, [&along, &across])), whole);
@@ -151,8 +151,8 @@ fn at_another_resolution_the_calibrations_picture_is_stretched() {
     let taxim = colours();
     let slopes: [&[f32]; 2] = [&[0.5; 3], &[0.2; 3]];
     // Three pixels of 72 stand for one of 24; the middle one has its centre.
-    let fine = rows(&Lookup::new(&taxim, [72, 48]), 3 * 5 + 1, 3 * 9, slopes);
-    let own = rows(&Lookup::new(&taxim, SIZE), 5, 9, [&slopes[0][..1], &slopes[1][..1]]);
+    let fine = rows(&TaximLookup::new(&taxim, [72, 48]), 3 * 5 + 1, 3 * 9, slopes);
+    let own = rows(&TaximLookup::new(&taxim, SIZE), 5, 9, [&slopes[0][..1], &slopes[1][..1]]);
     for (fine, own) in fine.iter().zip(&own) {
         assert!((fine[1] - own[0]).abs() < 1e-3 && (fine[0] - fine[2]).abs() > 0.01, "{fine:?} {own:?}");
     }
@@ -161,7 +161,7 @@ fn at_another_resolution_the_calibrations_picture_is_stretched() {
 #[test]
 fn a_table_that_is_not_valid_is_refused_with_a_reason() {
     let good = colours();
-    let refused = |change: &dyn Fn(&mut Taxim)| {
+    let refused = |change: &dyn Fn(&mut TaximCalibration)| {
         let mut taxim = good.clone();
         change(&mut taxim);
         taxim.validate().expect_err("refused")

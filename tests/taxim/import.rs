@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use gelsim_core::optics::calibrated::taxim::Taxim;
-use gelsim_lab::calibrate::taxim::import;
+use gelsim_core::optics::calibrated::taxim::TaximCalibration;
+use gelsim_lab::calibrate::taxim::import_taxim_folder;
 
 use super::colours::colours;
 use super::folder::{self, Member, PARAMS, SIZE};
@@ -15,7 +15,7 @@ fn folder_with(table: &[Member], pack: &[Member], params: &str) -> tempfile::Tem
 }
 
 fn refused(table: &[Member], pack: &[Member], params: &str) -> String {
-    import(folder_with(table, pack, params).path()).expect_err("refused").to_string()
+    import_taxim_folder(folder_with(table, pack, params).path()).expect_err("refused").to_string()
 }
 
 #[test]
@@ -24,19 +24,20 @@ fn a_folder_becomes_a_sensor() {
     let own = folder.path().join("my gel");
     fs::create_dir(&own).expect("a folder");
     folder::write(&own, &folder::table(), &folder::pack(), PARAMS);
-    let imported = import(&own).expect("a calibration");
+    let imported = import_taxim_folder(&own).expect("a calibration");
     assert_eq!(imported.name, "my gel");
     assert_eq!(imported.resolution_px, [24, 16]);
     assert!((imported.field_of_view_mm[0] - 1.2).abs() < 1e-12 && (imported.field_of_view_mm[1] - 0.8).abs() < 1e-12);
     assert_eq!(imported.colors, colours());
     let text = serde_json::to_string(&imported.colors).expect("JSON");
-    assert_eq!(serde_json::from_str::<Taxim>(&text).expect("a table"), imported.colors);
+    assert_eq!(serde_json::from_str::<TaximCalibration>(&text).expect("a table"), imported.colors);
 }
 
 /// Taxim's blur as a plain double sum over a picture that is mirrored at its border.
 #[test]
 fn the_background_is_the_photograph_mixed_with_its_blur_and_in_the_right_colours() {
-    let imported = import(folder_with(&folder::table(), &folder::pack(), PARAMS).path()).expect("a calibration");
+    let imported =
+        import_taxim_folder(folder_with(&folder::table(), &folder::pack(), PARAMS).path()).expect("a calibration");
     let weights = |sigma: f64| {
         let size = ((-2.0 * (1e-5 * (2.0 * std::f64::consts::PI).sqrt() * sigma).ln()).sqrt() * sigma).round();
         let reach = (size as i64) / 2;
@@ -70,7 +71,7 @@ fn the_background_is_the_photograph_mixed_with_its_blur_and_in_the_right_colours
 #[test]
 fn every_mistake_is_named_with_its_file_and_its_array() {
     let empty = tempfile::tempdir().expect("a folder");
-    let message = import(empty.path()).expect_err("refused").to_string();
+    let message = import_taxim_folder(empty.path()).expect_err("refused").to_string();
     for name in ["params.json: No such file", "polycalib.npz: No such file", "dataPack.npz: No such file", "pixmm"] {
         assert!(message.contains(name), "{name} in {message}");
     }

@@ -11,7 +11,7 @@ fn open(bytes: &[u8]) -> Npz {
 }
 
 fn refused(bytes: &[u8], name: &str) -> String {
-    Npz::open(bytes.to_vec()).and_then(|archive| archive.array(name)).expect_err("refused")
+    Npz::open(bytes.to_vec()).and_then(|archive| archive.read_array(name)).expect_err("refused")
 }
 
 /// Where a text stands in an archive for the last time.
@@ -25,9 +25,9 @@ fn stored_and_deflated_arrays_are_read_by_their_names() {
         let bytes = folder::archive(&folder::table(), deflated);
         let archive = open(&bytes);
         assert_eq!(archive.names().collect::<Vec<_>>(), ["bins", "grad_r", "grad_g", "grad_b"]);
-        let bins = archive.array("bins").expect("a number");
+        let bins = archive.read_array("bins").expect("a number");
         assert_eq!((bins.shape.as_slice(), bins.values.as_slice()), ([].as_slice(), [8.0].as_slice()));
-        let red = archive.array("grad_r").expect("an array");
+        let red = archive.read_array("grad_r").expect("an array");
         assert_eq!((red.shape, red.values), (vec![8, 8, 6], folder::grades(2)));
     }
 }
@@ -37,8 +37,8 @@ fn stored_and_deflated_arrays_are_read_by_their_names() {
 fn an_archive_by_numpy_itself_is_read() {
     let archive = open(include_bytes!("numpy.npz"));
     assert_eq!(archive.names().collect::<Vec<_>>(), ["bins", "a"]);
-    assert_eq!(archive.array("bins").expect("a number").values, [125.0]);
-    let array = archive.array("a").expect("an array");
+    assert_eq!(archive.read_array("bins").expect("a number").values, [125.0]);
+    let array = archive.read_array("a").expect("an array");
     assert_eq!((array.shape, array.values), (vec![2, 3], vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]));
 }
 
@@ -96,7 +96,7 @@ proptest! {
         cut in prop::option::of(any::<Index>()),
     ) {
         let whole = folder::archive(&folder::pack(), deflated);
-        let expected = open(&whole).array("f0").expect("an array");
+        let expected = open(&whole).read_array("f0").expect("an array");
         let mut bytes = whole;
         for (at, byte) in damage {
             let at = at.index(bytes.len());
@@ -107,8 +107,8 @@ proptest! {
         }
         if let Ok(archive) = Npz::open(bytes) {
             let names: Vec<String> = archive.names().map(String::from).collect();
-            names.iter().for_each(|name| drop(archive.array(name)));
-            if let Ok(found) = archive.array("f0") {
+            names.iter().for_each(|name| drop(archive.read_array(name)));
+            if let Ok(found) = archive.read_array("f0") {
                 prop_assert_eq!(found, expected);
             }
         }

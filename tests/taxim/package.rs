@@ -4,9 +4,9 @@ use std::path::Path;
 
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::simd::simd_dispatch;
-use gelsim_core::optics::calibrated::taxim::{Lookup, Scratch};
+use gelsim_core::optics::calibrated::taxim::{LookupScratch, TaximLookup};
 use gelsim_files::npz::Npz;
-use gelsim_lab::calibrate::taxim::{ImportedSensor, import};
+use gelsim_lab::calibrate::taxim::{TaximImport, import_taxim_folder};
 
 use super::colours::bins;
 
@@ -30,7 +30,7 @@ impl Case {
     fn read(path: &Path) -> Self {
         let archive = Npz::read(path).expect("a case");
         let (height, picture) =
-            (archive.array("height").expect("heights"), archive.array("picture").expect("a picture"));
+            (archive.read_array("height").expect("heights"), archive.read_array("picture").expect("a picture"));
         let [rows, columns] = height.shape[..] else { panic!("heights of shape {:?}", height.shape) };
         assert_eq!(picture.shape, [rows - 2, columns - 2, 3]);
         Self { height: Grid { width: columns, height: rows, data: height.values }, picture: picture.values }
@@ -56,20 +56,20 @@ struct Agreement {
     sum: f64,
 }
 
-fn compare(sensor: &ImportedSensor, case: &Case) -> [(Part, Agreement); 3] {
+fn compare(sensor: &TaximImport, case: &Case) -> [(Part, Agreement); 3] {
     let [width, height] = sensor.colors.resolution_px;
     let mm_per_px = sensor.field_of_view_mm[0] / width as f64;
-    let lookup = Lookup::new(&sensor.colors, [width, height]);
+    let lookup = TaximLookup::new(&sensor.colors, [width, height]);
     let mut found = [Part::Gentle, Part::Edge, Part::Rest].map(|part| (part, Agreement::default()));
     let mut change = [(); 3].map(|()| vec![0.0; width]);
-    let mut scratch = Scratch::default();
+    let mut scratch = LookupScratch::default();
     for y in 0..height {
         let slopes = case.slopes(y, mm_per_px);
         let slopes = slopes.each_ref().map(Vec::as_slice);
         let [red, green, blue] = &mut change;
         simd_dispatch(
             #[inline(always)]
-            || lookup.row(y, 0, slopes, &mut scratch, [red, green, blue]),
+            || lookup.compute_row_change(y, 0, slopes, &mut scratch, [red, green, blue]),
         );
         for x in 0..width {
             let [steepness, direction] = bins(&sensor.colors, [slopes[0][x].into(), slopes[1][x].into()]);
@@ -98,12 +98,12 @@ fn compare(sensor: &ImportedSensor, case: &Case) -> [(Part, Agreement); 3] {
 #[test]
 fn pictures_agree_with_the_packages_within_2_grey_levels() {
     let Some(root) = std::env::var_os("GELSIM_TAXIM") else {
-        println!("left out: GELSIM_TAXIM does not name a folder that tests/pipeline/taxim_pictures.py made");
+        println!("left out: GELSIM_TAXIM does not name a folder that tests/python/test_taxim.py made");
         return;
     };
     let root = Path::new(&root);
     for sensor in ["gelsight", "gelsight_mini"] {
-        let imported = import(&root.join(sensor)).unwrap_or_else(|report| panic!("{report}"));
+        let imported = import_taxim_folder(&root.join(sensor)).unwrap_or_else(|report| panic!("{report}"));
         for shape in ["sphere", "smooth", "steep"] {
             let parts = compare(&imported, &Case::read(&root.join(sensor).join(format!("{shape}.npz"))));
             for (part, Agreement { pixels, beyond, worst, sum }) in parts {

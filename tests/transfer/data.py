@@ -71,7 +71,7 @@ class Real:
         tables = [self.folder / name for name in ("presses.csv", "annotations.csv")]
         table = next((table for table in tables if table.is_file()), None)
         if table is None:
-            raise Missing(f"{folder} has no presses.csv (docs/transfer.md says what is in it)")
+            raise Missing(f"{folder} has no presses.csv (docs/evidence/transfer.md says what is in it)")
         with open(table, newline="") as file:
             reader = csv.DictReader(file)
             rows, lacks = list(reader), [name for name in COLUMNS if name not in (reader.fieldnames or [])]

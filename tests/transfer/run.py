@@ -3,7 +3,7 @@
     python tests/transfer/run.py GELSIM --real FOLDER [--set NAME ..] [--preset PRESET]
     python tests/transfer/run.py GELSIM --self-test
 
-FOLDER, or FOLDER/NAME for each NAME, holds presses.csv and background.png (docs/transfer.md). Every third press is only
+FOLDER, or FOLDER/NAME for each NAME, holds presses.csv and background.png (docs/evidence/transfer.md). Every third press is only
 tested on; `gelsim calibrate` and the networks trained on real images see the others. Needs numpy and Pillow.
 """
 
@@ -180,8 +180,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("gelsim", type=lambda name: Path(name).resolve())
     parser.add_argument("--real", type=Path, help="folder with presses.csv, or with a folder for each --set")
-    parser.add_argument("--set", nargs="+", help="folders in it; else those of docs/transfer.md that are there")
-    parser.add_argument("--preset", help="the preset of the sensor, where its name is not one of docs/transfer.md")
+    parser.add_argument("--set", nargs="+", help="folders in it; else those of docs/evidence/transfer.md that are there")
+    parser.add_argument("--preset", help="the preset of the sensor, where its name is not one of docs/evidence/transfer.md")
     parser.add_argument("--contact-over-disc", type=float, help="where it is known better than `gelsim calibrate` finds it")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--samples", type=int, default=300, help="simulated images for each network")
@@ -227,7 +227,7 @@ def main():
             preset = given.preset or PRESETS.get(folder.name)
             found[folder.name] = transfer(given, folder, preset, work / folder.name, pool)
         if not found:
-            raise data.Missing(f"none of these folders is there; docs/transfer.md says what {given.real} holds")
+            raise data.Missing(f"none of these folders is there; docs/evidence/transfer.md says what {given.real} holds")
     if given.json:
         given.json.write_text(json.dumps(found, indent=1) + "\n")
 

@@ -7,7 +7,7 @@ packed bits of binarised pictures, their `shape`, and `pose`: x, y, z (mm), roll
 simulated pictures from configs/tactip-surface.toml and configs/tactip-edge.toml; their labels are taken from the pose's
 quaternion and translation. The regression is ridge on pictures blurred by 1.5 px and taken at 32x32, each set without its
 mean picture. Beside it the same regression trained on three quarters of the real pictures and tested on the rest, and what
-guessing the mean gives. Needs numpy, scipy and Pillow. docs/transfer.md.
+guessing the mean gives. Needs numpy, scipy and Pillow. docs/evidence/transfer.md.
 """
 
 import argparse

@@ -1,1 +1,1 @@
-"""Copies of datasets in other formats: the command `gelsim-export`. docs/formats.md says what each holds."""
+"""Copies of datasets in other formats: the command `gelsim-export`. docs/how-to/export.md says what each holds."""

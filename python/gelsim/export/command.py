@@ -23,7 +23,7 @@ from gelsim.needed import LIBRARIES, installed, need_all
 from gelsim.sample import Sample
 
 FORMATS = ["lerobot", "zarr", "hdf5"]
-ONE_OF = "one of lerobot, zarr or hdf5 (docs/formats.md)"
+ONE_OF = "one of lerobot, zarr or hdf5 (docs/how-to/export.md)"
 
 MEANT = {
     "lerobot": ["parquet", "arrow", "huggingface", "hugging_face", "hf", "datasets", "lerobot_v3", "lerobotdataset"],
@@ -81,7 +81,7 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("dataset", metavar="DIR", type=folder, help="folder of the dataset")
     parser.add_argument(
-        "--to", required=True, type=format_named, metavar="FORMAT", help="lerobot, zarr or hdf5 (docs/formats.md)"
+        "--to", required=True, type=format_named, metavar="FORMAT", help="lerobot, zarr or hdf5 (docs/how-to/export.md)"
     )
     parser.add_argument(
         "-o", "--out", required=True, type=folder, help="the copy: a folder; of hdf5 a file; of zarr a file if it ends in .zip"

@@ -1,40 +1,46 @@
-//! What `gelsim calibrate` prints of what it found, and writes at the head of the sensor file.
+//! The figures that `gelsim calibrate` prints and writes at the head of the sensor file.
 
-use gelsim_core::optics::calibrated::beyond::Range;
+use gelsim_core::optics::calibrated::extrapolation::CalibrationRange;
 use gelsim_core::optics::led::Led;
 use gelsim_lab::calibrate::Session;
 use gelsim_lab::calibrate::camera::MeasuredCamera;
-use gelsim_lab::calibrate::judge::fit::Verdict;
+use gelsim_lab::calibrate::judge::fit::FitVerdict;
 use gelsim_lab::calibrate::leds::FittedLeds;
 use gelsim_lab::calibrate::run::Calibration;
 use gelsim_lab::compare::score::Score;
 
-pub(super) const HEAD: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
+pub(super) const SCORE_HEADER: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
 
-pub(super) fn row(contact: Option<&Score>, full_image: Option<&Score>) -> String {
-    format!("{:<31} {}", contact.map(figures).unwrap_or_default(), full_image.map(figures).unwrap_or_default())
+pub(super) fn format_scores(contact: Option<&Score>, full_image: Option<&Score>) -> String {
+    format!(
+        "{:<31} {}",
+        contact.map(format_score).unwrap_or_default(),
+        full_image.map(format_score).unwrap_or_default()
+    )
 }
 
-pub(super) fn figures(score: &Score) -> String {
+pub(super) fn format_score(score: &Score) -> String {
     let psnr = score.psnr_db.map_or(String::from("-"), |db| format!("{db:.2}"));
     format!("{:.2} / {psnr} / {:.4}", score.mae, score.ssim)
 }
 
-/// What was found, and how good it is.
-pub(super) fn summary(found: &Calibration) -> Vec<(String, String)> {
+/// Summarises a calibration as labels and figures: how much it explains, geometry, range, errors, dots, LEDs and
+/// camera.
+pub(super) fn summarise_calibration(found: &Calibration) -> Vec<(String, String)> {
     let [width, height] = found.session.sensor.resolution_px;
-    let figure = |score: &Option<Score>| score.as_ref().map_or(String::from("-"), figures);
-    let ([contact, full_image], [bare_contact, bare_full_image]) = (found.errors(), found.errors_without());
+    let figure = |score: &Option<Score>| score.as_ref().map_or(String::from("-"), format_score);
+    let ([contact, full_image], [bare_contact, bare_full_image]) =
+        (found.mean_errors(), found.mean_background_errors());
     let suspects = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
     let presses = found.session.observations.len();
     let line = |what: &str, figure: String| (what.to_owned(), figure);
-    let mut first = verdict_summary(&found.verdict);
+    let mut first = summarise_verdict(&found.verdict);
     first.extend([
         line("image", format!("{width}x{height} px, {} mm per px", found.session.camera.mm_per_px[0])),
         line("presses", format!("{presses}, {suspects} of them doubtful, {} left out", found.dropped.len())),
         line("gelpad thickness", format!("{} mm", found.geometry.thickness_mm)),
         line("contact over visible disc", format!("{:.2}", found.geometry.contact_over_disc)),
-        line("calibrated range", found.table.range().map_or(String::from("-"), range)),
+        line("calibrated range", found.table.range().map_or(String::from("-"), format_range)),
         line("cross-validated, contact", format!("{} (MAE / PSNR dB / SSIM)", figure(&contact))),
         line("cross-validated, whole image", figure(&full_image)),
         line("background alone, contact", figure(&bare_contact)),
@@ -42,15 +48,15 @@ pub(super) fn summary(found: &Calibration) -> Vec<(String, String)> {
     ]);
     first
         .into_iter()
-        .chain(dots_summary(&found.session))
-        .chain(leds_summary(&found.leds))
-        .chain(camera_summary(found.camera.as_ref()))
+        .chain(summarise_dots(&found.session))
+        .chain(summarise_leds(&found.leds))
+        .chain(summarise_camera(found.camera.as_ref()))
         .collect()
 }
 
-/// How much the fit explains.
-pub(super) fn verdict_summary(verdict: &Verdict) -> Vec<(String, String)> {
-    let explained = 100.0 * (1.0 - verdict.left());
+/// Summarises how much of what the presses change the fit explains.
+pub(super) fn summarise_verdict(verdict: &FitVerdict) -> Vec<(String, String)> {
+    let explained = 100.0 * (1.0 - verdict.remaining_share());
     let figure = format!(
         "{explained:.0} % of what presses change around the contact (MAE {:.2}; {:.2} of the background alone, {:.2} of one colour \
          for each disc)",
@@ -59,17 +65,17 @@ pub(super) fn verdict_summary(verdict: &Verdict) -> Vec<(String, String)> {
     vec![(String::from("explained"), figure)]
 }
 
-/// The dots that are printed on the pad, if there are any.
-pub(super) fn dots_summary(session: &Session) -> Vec<(String, String)> {
+/// Summarises the dots that are printed on the pad; empty without dots.
+pub(super) fn summarise_dots(session: &Session) -> Vec<(String, String)> {
     let Some(printed) = &session.printed else { return Vec::new() };
-    let (dots, pitch) = (&printed.dots, session.camera.mm_per_px[0]);
-    let mm = |px: f64| format!("{:.2} mm", px * pitch);
+    let (dots, mm_per_px) = (&printed.dots, session.camera.mm_per_px[0]);
+    let mm = |px: f64| format!("{:.2} mm", px * mm_per_px);
     let apart = match dots.pitch_px {
         Some([x, y]) => format!("{} apart across, {} down", mm(x), mm(y)),
         None => format!("{} apart", mm(dots.nearest_px)),
     };
     let figure = format!(
-        "{} whole ones, {apart}, {} wide, carried by up to {}",
+        "{} complete ones, {apart}, {} wide, carried by up to {}",
         dots.count,
         mm(dots.diameter_px),
         mm(dots.motion_px)
@@ -77,13 +83,13 @@ pub(super) fn dots_summary(session: &Session) -> Vec<(String, String)> {
     vec![(String::from("printed dots"), figure)]
 }
 
-/// How far the presses went.
-pub(super) fn range(Range { steepest, heights_mm: [_, deepest_mm] }: Range) -> String {
+/// Formats the calibrated range: the steepest slope and the deepest displacement.
+pub(super) fn format_range(CalibrationRange { steepest, heights_mm: [_, deepest_mm] }: CalibrationRange) -> String {
     format!("slopes up to {:.1} degrees, displacements up to {deepest_mm:.2} mm", steepest.asin().to_degrees())
 }
 
-/// What was found of the LEDs.
-pub(super) fn leds_summary(found: &FittedLeds) -> Vec<(String, String)> {
+/// Summarises the fitted LEDs, and the light that they leave unexplained.
+pub(super) fn summarise_leds(found: &FittedLeds) -> Vec<(String, String)> {
     let led = |led: &Led| {
         let [red, green, blue] = led.color;
         let figure = format!(
@@ -96,8 +102,8 @@ pub(super) fn leds_summary(found: &FittedLeds) -> Vec<(String, String)> {
     found.leds.iter().map(led).chain([left]).collect()
 }
 
-/// What was found of the camera.
-pub(super) fn camera_summary(found: Option<&MeasuredCamera>) -> Vec<(String, String)> {
+/// Summarises the noise, drift and speckle of the camera; says so if it was not measured.
+pub(super) fn summarise_camera(found: Option<&MeasuredCamera>) -> Vec<(String, String)> {
     let line = |what: &str, figure: String| (what.to_owned(), figure);
     let Some(MeasuredCamera { read_noise_levels, shot_noise_levels, correlation, drift, speckle_levels, .. }) = found
     else {
@@ -119,6 +125,6 @@ pub(super) fn camera_summary(found: Option<&MeasuredCamera>) -> Vec<(String, Str
     ]
 }
 
-pub(super) fn lines(summary: &[(String, String)]) -> String {
+pub(super) fn format_lines(summary: &[(String, String)]) -> String {
     summary.iter().map(|(what, figure)| format!("{what:<36} {figure}\n")).collect()
 }

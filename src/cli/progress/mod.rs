@@ -1,4 +1,4 @@
-//! How far a run has come: a bar on a terminal, a line every few seconds in a log of JSON.
+//! Progress of a run: a bar on a terminal, a line every few seconds in a log of JSON.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -9,41 +9,42 @@ pub(super) mod bar;
 
 use super::log::{Format, Log};
 use bar::Bar;
-use gelsim_dataset::generate::{Expected, Watch};
+use gelsim_dataset::generate::{ExpectedWork, RunMonitor};
 use gelsim_job::label::GENERATOR;
 
-/// Between two lines of a log.
+/// Time between two lines of a log.
 const PERIOD: Duration = Duration::from_secs(5);
 
-/// Shows how far a run has come.
+/// Shows the progress of a run.
 pub(super) struct Progress {
     log: Log,
     bar: Bar,
-    /// Since when samples are rendered, and when the next line is due.
+    /// When rendering started, and when the next line is due; `None` before it starts.
     started: Option<(Instant, Instant)>,
 }
 
 impl Progress {
-    /// Of a run that begins now.
+    /// Creates the display of a run that begins now.
     pub fn new(log: Log) -> Self {
         let bar = Bar::new(!log.quiet && log.format == Format::Text, "samples");
         Self { log, bar, started: None }
     }
 
-    /// How long to wait until it is worth being shown again.
-    pub fn pause(&self) -> Duration {
+    /// Returns how long to wait before the next update. Without a bar that is the time until the end of the work is
+    /// noticed.
+    pub fn time_to_update(&self) -> Duration {
         Duration::from_millis(if self.bar.is_hidden() { 5 } else { 100 })
     }
 
-    /// Shows where the run is.
-    pub fn show(&mut self, watch: &Watch) {
+    /// Updates bar and log.
+    pub fn show(&mut self, watch: &RunMonitor) {
         let Some(expected) = watch.expected.get() else { return };
         let now = Instant::now();
         let (rendered, written) = (watch.rendered.load(Ordering::Relaxed), watch.written.load(Ordering::Relaxed));
         match &mut self.started {
             None => {
                 self.started = Some((now, now + PERIOD));
-                self.log.event("start", start(expected));
+                self.log.write_event("start", start_fields(expected));
                 self.bar.start(expected.samples);
             }
             Some((started, due)) if now >= *due => {
@@ -51,7 +52,7 @@ impl Progress {
                 let seconds = (now - *started).as_secs_f64();
                 let per_s = rendered as f64 / seconds;
                 let left_s = (expected.samples - rendered.min(expected.samples)) as f64 / per_s;
-                self.log.event(
+                self.log.write_event(
                     "progress",
                     json!({
                         "samples": rendered,
@@ -70,13 +71,13 @@ impl Progress {
         self.bar.show(rendered, &format!("{written}/{} shards", expected.shards));
     }
 
-    /// Clears the bar.
+    /// Removes the bar.
     pub fn end(self) {
         self.bar.end();
     }
 }
 
-fn start(expected: &Expected) -> serde_json::Value {
+fn start_fields(expected: &ExpectedWork) -> serde_json::Value {
     json!({
         "generator": GENERATOR,
         "samples": expected.samples,

@@ -1,6 +1,6 @@
-//! Angles that are exact where they must be.
+//! Angles with exact results where they matter: quarter turns and small rotations.
 
-/// Sine and cosine of an angle in degrees, exact at quarter turns and the same on every machine.
+/// Computes sine and cosine of an angle in degrees, exact at quarter turns and the same on every machine.
 pub fn sin_cos_deg(angle_deg: f64) -> (f64, f64) {
     let turns = libm::floor(angle_deg / 90.0 + 0.5);
     let rest = (angle_deg - 90.0 * turns).to_radians();
@@ -13,39 +13,39 @@ pub fn sin_cos_deg(angle_deg: f64) -> (f64, f64) {
     }
 }
 
-/// A turn in the plane, from x towards y.
+/// A rotation in the plane, from x towards y.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turn {
+pub struct PlanarRotation {
     sin: f64,
     cos: f64,
     /// 1 - cos, without cancellation.
     versine: f64,
 }
 
-impl Turn {
-    /// By an angle, rad.
+impl PlanarRotation {
+    /// Makes the rotation by an angle, rad.
     pub fn new(angle_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(angle_rad);
         Self { sin, cos, versine: 2.0 * libm::pow(libm::sin(0.5 * angle_rad), 2.0) }
     }
 
-    /// A direction, turned.
-    pub fn out(self, [x, y]: [f64; 2]) -> [f64; 2] {
+    /// Rotates a direction.
+    pub fn rotate(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [self.cos * x - self.sin * y, self.sin * x + self.cos * y]
     }
 
-    /// A direction, turned back.
-    pub fn back(self, [x, y]: [f64; 2]) -> [f64; 2] {
+    /// Rotates a direction by the inverse rotation.
+    pub fn rotate_back(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [self.cos * x + self.sin * y, self.cos * y - self.sin * x]
     }
 
-    /// How far the turn takes a point, exact for small turns.
-    pub fn moves(self, [x, y]: [f64; 2]) -> [f64; 2] {
+    /// Returns how far the rotation moves a point, accurate for small angles.
+    pub fn displacement(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [-self.versine * x - self.sin * y, -self.versine * y + self.sin * x]
     }
 
-    /// What a point is ahead of where the turn back takes it, exact for small turns.
-    pub fn ahead(self, [x, y]: [f64; 2]) -> [f64; 2] {
+    /// Returns a point minus its image under the inverse rotation, accurate for small angles.
+    pub fn offset_from_inverse(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [self.versine * x - self.sin * y, self.versine * y + self.sin * x]
     }
 }

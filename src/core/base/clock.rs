@@ -1,8 +1,8 @@
-//! CPU time of a thread, and what each stage of a sample took of it.
+//! CPU time of a thread, and how much of it each stage of a sample took.
 
 use rustix::time::{ClockId, clock_gettime};
 
-/// CPU seconds of the thread per stage.
+/// CPU seconds of one thread, per stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Seconds {
     /// Drawing the scene.
@@ -22,12 +22,12 @@ pub struct Seconds {
 }
 
 impl Seconds {
-    /// All stages but encoding.
+    /// Returns the seconds of all stages but encoding.
     pub fn simulation(&self) -> f64 {
         self.scene + self.depth + self.gelpad + self.optics + self.camera + self.label
     }
 
-    /// The stages in their order, with their names.
+    /// Returns the stages in the order in which they run, with their names.
     pub fn stages(&self) -> [(&'static str, f64); 7] {
         let Self { scene, depth, gelpad, optics, camera, label, encode } = *self;
         [
@@ -41,7 +41,7 @@ impl Seconds {
         ]
     }
 
-    /// Multiplied by a factor.
+    /// Returns all stages multiplied by a factor.
     pub fn scaled(&self, by: f64) -> Self {
         let Self { scene, depth, gelpad, optics, camera, label, encode } = *self;
         let [scene, depth, gelpad, optics, camera, label, encode] =
@@ -49,7 +49,7 @@ impl Seconds {
         Self { scene, depth, gelpad, optics, camera, label, encode }
     }
 
-    /// Adds another sample's.
+    /// Adds the seconds of another sample.
     pub fn add(&mut self, other: &Self) {
         self.scene += other.scene;
         self.depth += other.depth;
@@ -61,24 +61,24 @@ impl Seconds {
     }
 }
 
-/// CPU time of this thread: what other threads and processes do does not count.
-pub struct Clock(f64);
+/// A stopwatch for the CPU time of this thread. The work of other threads and processes does not count.
+pub struct ThreadClock(f64);
 
-impl Clock {
-    /// Starts now.
+impl ThreadClock {
+    /// Starts the stopwatch.
     pub fn start() -> Self {
-        Self(Self::now())
+        Self(Self::thread_seconds())
     }
 
-    /// Seconds since the last lap.
+    /// Returns the seconds since the last lap, or since the start.
     pub fn lap(&mut self) -> f64 {
-        let now = Self::now();
+        let now = Self::thread_seconds();
         let seconds = now - self.0;
         self.0 = now;
         seconds
     }
 
-    fn now() -> f64 {
+    fn thread_seconds() -> f64 {
         let time = clock_gettime(ClockId::ThreadCPUTime);
         time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
     }

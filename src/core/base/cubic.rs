@@ -1,6 +1,7 @@
-//! Cubic interpolation.
+//! Cubic interpolation between equally spaced values.
 
-/// The shares of four values one apart at the place `t`, 0 to 1, between the second and the third (Catmull and Rom 1974).
+/// Returns the weights of four equally spaced values at the position `t`, 0 to 1, between the second and the third one
+/// (Catmull and Rom 1974).
 #[inline(always)]
 pub fn catmull_rom(t: f32) -> [f32; 4] {
     let s = 1.0 - t;

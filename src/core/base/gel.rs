@@ -1,7 +1,7 @@
-//! The shape of a gel that is not flat.
+//! The shape of a curved gel.
 //!
-//! Frame: the sensor's, with its origin at the gel's tip and z out of the gel. Every point of a round gel is one radius away
-//! from its axis, a line on z that begins in the middle of the tip's ball.
+//! Frame: the sensor's, with the origin at the gel's tip and z out of the gel. Every point of a round gel is one radius
+//! away from the gel's axis. The axis is the part of the z axis from the centre of the tip's ball downwards.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
@@ -9,10 +9,10 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::gel_surface::GelSurface;
 pub use super::site::Site;
-use super::surface::Surface;
 
-/// The outer surface of a gel that is not flat, untouched.
+/// The outer surface of a curved gel, untouched.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GelShape {
     /// Half of a ball.
@@ -20,10 +20,10 @@ pub enum GelShape {
     /// A finger: half of a ball on a cylinder of the same radius.
     Capsule(GelCapsule),
     /// Any other, as a mesh.
-    Mesh(Arc<Surface>),
+    Mesh(Arc<GelSurface>),
 }
 
-/// See [`GelShape::Dome`].
+/// A gel that is half of a ball.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -32,7 +32,7 @@ pub struct GelDome {
     pub radius_mm: f64,
 }
 
-/// See [`GelShape::Capsule`].
+/// A gel like a finger: half of a ball on a cylinder of the same radius.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -44,7 +44,7 @@ pub struct GelCapsule {
 }
 
 impl GelShape {
-    /// Radius of its tip, mm; of a mesh half its smaller width.
+    /// Returns the radius of the tip, mm; for a mesh, half its smaller width.
     pub fn radius_mm(&self) -> f64 {
         match self {
             Self::Dome(GelDome { radius_mm }) | Self::Capsule(GelCapsule { radius_mm, .. }) => *radius_mm,
@@ -52,15 +52,15 @@ impl GelShape {
         }
     }
 
-    /// A gel that is a mesh.
-    pub fn surface(&self) -> Option<&Arc<Surface>> {
+    /// Returns the mesh of a gel that is given as one; `None` for other shapes.
+    pub fn surface(&self) -> Option<&Arc<GelSurface>> {
         match self {
             Self::Mesh(surface) => Some(surface),
             Self::Dome(_) | Self::Capsule(_) => None,
         }
     }
 
-    /// Its tip.
+    /// Returns the tip.
     pub(crate) fn tip(&self) -> Site {
         match self {
             Self::Mesh(surface) => Site { normal: surface.tip_normal(), below_mm: 0.0, point_mm: DVec3::ZERO },
@@ -68,13 +68,13 @@ impl GelShape {
         }
     }
 
-    /// The point of a round gel with this normal, so far below the middle of the tip's ball.
+    /// Returns the point of a round gel with this normal, `below_mm` below the centre of the tip's ball.
     pub fn site(&self, normal: DVec3, below_mm: f64) -> Site {
         let point_mm = self.radius_mm() * normal - DVec3::new(0.0, 0.0, self.radius_mm() + below_mm);
         Site { normal, below_mm, point_mm }
     }
 
-    /// Length of a capsule's cylinder, mm; `None` of other shapes.
+    /// Returns the length of a capsule's cylinder, mm; `None` for other shapes.
     pub fn wall_mm(&self) -> Option<f64> {
         match self {
             Self::Dome(_) | Self::Mesh(_) => None,
@@ -82,34 +82,35 @@ impl GelShape {
         }
     }
 
-    /// From the tip to the end of the gel over its curve, mm; of a mesh to where the rim is nearest.
+    /// Returns the distance over the surface from the tip to the end of the gel, mm; for a mesh, to the nearest point
+    /// of the rim.
     pub fn length_over_mm(&self) -> f64 {
         match self {
-            Self::Mesh(surface) => surface.around_tip().least_rim_mm(0.0..=360.0).0,
+            Self::Mesh(surface) => surface.tip_chart().least_rim_mm(0.0..=360.0).0,
             Self::Dome(_) | Self::Capsule(_) => FRAC_PI_2 * self.radius_mm() + self.wall_mm().unwrap_or(0.0),
         }
     }
 
-    /// The point that all normals of a round tip come from.
+    /// Returns the centre of a round tip, where all its normals meet, mm.
     pub fn centre_mm(&self) -> DVec3 {
         DVec3::new(0.0, 0.0, -self.radius_mm())
     }
 
-    /// The point of the gel closest to a place around its axis; the tip, if that is on the axis.
+    /// Returns the point of the gel closest to `to_mm`; the tip if `to_mm` is the centre of the tip's ball.
     pub fn closest(&self, to_mm: DVec3) -> Site {
         if let Self::Mesh(surface) = self {
-            return on_mesh(surface.nearest(to_mm));
+            return mesh_site(surface.nearest(to_mm));
         }
         let to = to_mm - self.centre_mm();
         let below_mm = (-to.z).clamp(0.0, self.wall_mm().unwrap_or(0.0));
         let out = DVec3::new(to.x, to.y, to.z + below_mm);
-        // Below a gel's end its rim is closest.
+        // Below the gel's end, its rim is closest.
         let out = if out.z < 0.0 { DVec3::new(out.x, out.y, 0.0) } else { out };
         self.site(out.normalize_or(DVec3::Z), below_mm)
     }
 
-    /// A frame on the gel, so far from its tip over the gel and in that direction: its axes in the sensor's (away from the tip, around
-    /// the gel, out of it), and its origin, mm.
+    /// Returns a frame on the gel at a distance over the surface from the tip and in a direction: its axes in the
+    /// sensor's frame (away from the tip, around the gel, out of it), and its origin, mm.
     pub fn frame_at(&self, from_tip_mm: f64, around_deg: f64) -> (DMat3, DVec3) {
         if let Self::Mesh(surface) = self {
             return surface.frame_at(from_tip_mm, around_deg);
@@ -120,23 +121,24 @@ impl GelShape {
         (axes, self.site(axes.z_axis, below_mm).point_mm)
     }
 
-    /// Where a line leaves the gel; `None` if it passes the gel by or leaves through its base. Of a mesh where a ray first goes
-    /// out of it.
-    pub(crate) fn left_by(&self, from: DVec3, direction: DVec3) -> Option<Site> {
+    /// Returns the point where a line leaves a round gel; `None` if the line misses the gel or leaves it through its
+    /// base. For a mesh, returns the first point where the ray leaves it.
+    pub(crate) fn find_exit(&self, from: DVec3, direction: DVec3) -> Option<Site> {
         if let Self::Mesh(surface) = self {
-            return surface.left_by(from, direction).map(on_mesh);
+            return surface.find_exit(from, direction).map(mesh_site);
         }
         let radius_mm = self.radius_mm();
         let direction = direction.normalize();
         let from = from - self.centre_mm();
-        // Of the point of the line closest to the centre: numbers of the size of the radius cancel only once.
+        // From the point of the line that is closest to the centre: there, numbers as large as the radius cancel only
+        // once.
         let nearest = from - direction * from.dot(direction);
         let half_chord = radius_mm * radius_mm - nearest.length_squared();
         let leaves = nearest + direction * libm::sqrt(half_chord);
         if half_chord >= 0.0 && leaves.z >= 0.0 {
             return Some(self.site(leaves / radius_mm, 0.0));
         }
-        // The same across the cylinder's axis.
+        // The tip is missed: intersect the line with the cylinder, in the plane across its axis.
         let along = direction.truncate().length();
         let across = direction.truncate() / along;
         let nearest = from.truncate() - across * from.truncate().dot(across);
@@ -148,8 +150,8 @@ impl GelShape {
     }
 }
 
-/// A point of a mesh with its normal.
-fn on_mesh((point_mm, normal): (DVec3, DVec3)) -> Site {
+/// Makes a site from a point of a mesh and its normal.
+fn mesh_site((point_mm, normal): (DVec3, DVec3)) -> Site {
     Site { normal, below_mm: 0.0, point_mm }
 }
 
@@ -161,16 +163,16 @@ mod tests {
     #[test]
     fn a_line_leaves_half_a_ball_where_it_should() {
         let dome = GelShape::Dome(GelDome { radius_mm: 20.0 });
-        let up = dome.left_by(DVec3::new(0.0, 0.0, -60.0), DVec3::Z);
+        let up = dome.find_exit(DVec3::new(0.0, 0.0, -60.0), DVec3::Z);
         assert!(up.expect("through the tip").normal.abs_diff_eq(DVec3::Z, 1e-12));
         let beside = DVec3::new(12.0, 0.0, -200.0);
-        assert!(dome.left_by(beside, DVec3::Z).expect("a hit").normal.abs_diff_eq(DVec3::new(0.6, 0.0, 0.8), 1e-12));
-        assert_eq!(dome.left_by(DVec3::new(21.0, 0.0, -60.0), DVec3::Z), None);
-        assert_eq!(dome.left_by(DVec3::new(0.0, 0.0, -20.0), DVec3::new(1.0, 0.0, -0.1)), None, "through the base");
+        assert!(dome.find_exit(beside, DVec3::Z).expect("a hit").normal.abs_diff_eq(DVec3::new(0.6, 0.0, 0.8), 1e-12));
+        assert_eq!(dome.find_exit(DVec3::new(21.0, 0.0, -60.0), DVec3::Z), None);
+        assert_eq!(dome.find_exit(DVec3::new(0.0, 0.0, -20.0), DVec3::new(1.0, 0.0, -0.1)), None, "through the base");
         // A ball of a kilometre is flat.
         let wide = GelShape::Dome(GelDome { radius_mm: 1e6 });
-        let site = wide.left_by(DVec3::new(3.0, 4.0, -1.0), DVec3::Z).expect("a hit");
-        let [u, v] = Chart::at_tip(&wide).at(site);
+        let site = wide.find_exit(DVec3::new(3.0, 4.0, -1.0), DVec3::Z).expect("a hit");
+        let [u, v] = Chart::at_tip(&wide).locate_site(site);
         assert!((u - 3.0).abs() < 1e-6 && (v - 4.0).abs() < 1e-6, "{u} {v}");
     }
 
@@ -184,13 +186,13 @@ mod tests {
             (DVec3::new(-1.0, 0.0, -1.0), None),
             (DVec3::NEG_Z, None),
         ] {
-            let point = capsule.left_by(from, direction).map(|site| site.point_mm);
+            let point = capsule.find_exit(from, direction).map(|site| site.point_mm);
             match (point, expected) {
                 (Some(point), Some(expected)) => assert!(point.abs_diff_eq(expected, 1e-9), "{point} {expected}"),
                 (point, expected) => assert_eq!(point, expected, "{direction}"),
             }
         }
-        let up = capsule.left_by(from, DVec3::Z).expect("the cap");
+        let up = capsule.find_exit(from, DVec3::Z).expect("the cap");
         assert_eq!(up.below_mm, 0.0);
         assert!(up.point_mm.abs_diff_eq(DVec3::new(1.0, 0.0, f64::sqrt(99.0) - 10.0), 1e-9));
         let beside = capsule.closest(DVec3::new(0.0, -14.0, -33.0));

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::simd::{largest, simd_dispatch};
+use super::simd::{largest_value, simd_dispatch};
 
 /// A row-major image. Row 0 is the top one.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -16,45 +16,45 @@ pub struct Grid<T> {
 }
 
 impl<T: Copy + Default> Grid<T> {
-    /// An image of default values (zeros).
+    /// Makes an image of default values (zeros).
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, data: vec![T::default(); width * height] }
     }
 
-    /// Makes it `width` x `height` and sets every value to the default, in the memory that it has.
+    /// Resizes the image to `width` x `height` and sets every value to the default; allocated memory is reused.
     pub(crate) fn reset(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.data.clear();
         self.data.resize(width * height, T::default());
     }
 
-    /// Makes it `width` x `height` in the memory that it has; what its values are is left open.
+    /// Resizes the image to `width` x `height`, reusing allocated memory; its values are unspecified.
     pub(crate) fn reshape(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
         self.data.resize(width * height, T::default());
     }
 
-    /// One row.
+    /// Returns one row.
     pub fn row(&self, y: usize) -> &[T] {
         &self.data[y * self.width..][..self.width]
     }
 
-    /// One row, to be written.
+    /// Returns one row, mutable.
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.width..][..self.width]
     }
 
-    /// The value in column `x`, row `y`.
+    /// Returns the value in column `x`, row `y`.
     pub fn at(&self, x: usize, y: usize) -> T {
         self.data[y * self.width + x]
     }
 
-    /// The part that is left when `border` pixels are taken off every side.
+    /// Returns the part that is left when `border` pixels are removed on every side.
     pub fn inner(&self, border: usize) -> Self {
         self.crop(Rect { x0: border, y0: border, x1: self.width - border, y1: self.height - border })
     }
 
-    /// The part inside `rect`, which must lie within the image.
+    /// Returns the part inside `rect`, which must lie within the image.
     pub fn crop(&self, rect: Rect) -> Self {
         let mut data = Vec::with_capacity(rect.area());
         for y in rect.y0..rect.y1 {
@@ -63,36 +63,36 @@ impl<T: Copy + Default> Grid<T> {
         Self { width: rect.width(), height: rect.height(), data }
     }
 
-    /// Copies `other` in where they overlap; `there` and `here` are the rectangles of a common image that `other` and
-    /// this one show.
-    pub(crate) fn paste(&mut self, other: &Self, there: Rect, here: Rect) {
+    /// Copies `other` into this image where the two overlap; `other_rect` and `own_rect` are the rectangles of a
+    /// common image that `other` and this image show.
+    pub(crate) fn paste(&mut self, other: &Self, other_rect: Rect, own_rect: Rect) {
         let both = Rect {
-            x0: there.x0.max(here.x0),
-            y0: there.y0.max(here.y0),
-            x1: there.x1.min(here.x1),
-            y1: there.y1.min(here.y1),
+            x0: other_rect.x0.max(own_rect.x0),
+            y0: other_rect.y0.max(own_rect.y0),
+            x1: other_rect.x1.min(own_rect.x1),
+            y1: other_rect.y1.min(own_rect.y1),
         };
         for y in both.y0..both.y1 {
             if both.x0 < both.x1 {
-                let from = &other.row(y - there.y0)[both.x0 - there.x0..both.x1 - there.x0];
-                self.row_mut(y - here.y0)[both.x0 - here.x0..both.x1 - here.x0].copy_from_slice(from);
+                let from = &other.row(y - other_rect.y0)[both.x0 - other_rect.x0..both.x1 - other_rect.x0];
+                self.row_mut(y - own_rect.y0)[both.x0 - own_rect.x0..both.x1 - own_rect.x0].copy_from_slice(from);
             }
         }
     }
 }
 
 impl Grid<f32> {
-    /// The largest of what is made of the values, 0 if nothing is above it.
+    /// Applies `of` to all values and returns the largest result, 0 if none is above 0.
     pub fn largest(&self, of: impl Fn(f32) -> f32) -> f32 {
         simd_dispatch(
             #[inline(always)]
-            || largest(self.data.iter().map(|value| of(*value))),
+            || largest_value(self.data.iter().map(|value| of(*value))),
         )
     }
 
-    /// The value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between pixel
-    /// centres, the border's values beyond them.
-    pub(crate) fn stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
+    /// Returns the value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between
+    /// pixel centres, and constant beyond the outermost centres.
+    pub(crate) fn sample_stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {
         let place = |at: usize, to: usize, own: usize| {
             let at = ((at as f64 + 0.5) * own as f64 / to as f64 - 0.5).clamp(0.0, own as f64 - 1.0);
             let whole = (at as usize).min(own.saturating_sub(2));
@@ -119,37 +119,38 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The whole of a `width` x `height` image.
+    /// Returns the rectangle of a complete `width` x `height` image.
     pub fn whole(width: usize, height: usize) -> Self {
         Self { x0: 0, y0: 0, x1: width, y1: height }
     }
 
-    /// Columns.
+    /// Returns the number of columns.
     pub fn width(self) -> usize {
         self.x1 - self.x0
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn height(self) -> usize {
         self.y1 - self.y0
     }
 
-    /// Whether a pixel lies in it.
-    pub(crate) fn holds(self, [x, y]: [usize; 2]) -> bool {
+    /// Returns true if a pixel lies in the rectangle.
+    pub(crate) fn contains(self, [x, y]: [usize; 2]) -> bool {
         (self.x0..self.x1).contains(&x) && (self.y0..self.y1).contains(&y)
     }
 
-    /// Pixels.
+    /// Returns the number of pixels.
     pub fn area(self) -> usize {
         self.width() * self.height()
     }
 
-    /// True without any pixel.
+    /// Returns true if the rectangle contains no pixel.
     pub fn is_empty(self) -> bool {
         self.area() == 0
     }
 
-    /// Larger by `by` pixels on every side, cut to a `width` x `height` image. An empty rectangle stays empty.
+    /// Returns the rectangle grown by `by` pixels on every side and cut to a `width` x `height` image. An empty
+    /// rectangle stays empty.
     pub fn grown(self, by: usize, width: usize, height: usize) -> Self {
         if self.is_empty() {
             return self;
@@ -162,8 +163,8 @@ impl Rect {
         }
     }
 
-    /// The smallest rectangle that holds both; an empty one counts for nothing.
-    pub(crate) fn united(self, other: Self) -> Self {
+    /// Returns the smallest rectangle that contains both; an empty one is ignored.
+    pub(crate) fn union(self, other: Self) -> Self {
         match (self.is_empty(), other.is_empty()) {
             (true, _) => other,
             (_, true) => self,
@@ -176,9 +177,9 @@ impl Rect {
         }
     }
 
-    /// The same pixels counted in a window whose first pixel is (`left`, `top`) and whose size is `width` x `height`;
-    /// what lies outside the window is cut off.
-    pub fn seen_from(self, left: usize, top: usize, width: usize, height: usize) -> Self {
+    /// Returns the rectangle in the pixel coordinates of a window whose first pixel is (`left`, `top`) and whose size
+    /// is `width` x `height`; the part outside the window is cut off.
+    pub fn in_window(self, left: usize, top: usize, width: usize, height: usize) -> Self {
         let clamp = |at: usize, start: usize, size: usize| at.saturating_sub(start).min(size);
         let (x0, x1) = (clamp(self.x0, left, width), clamp(self.x1, left, width));
         let (y0, y1) = (clamp(self.y0, top, height), clamp(self.y1, top, height));
@@ -186,8 +187,9 @@ impl Rect {
     }
 }
 
-/// The smallest rectangle around the pixels for which `inside` holds; empty if there are none.
+/// Returns the smallest rectangle around the pixels for which `inside` holds; empty if there are none.
 pub fn bounding_box<T: Copy + Default>(grid: &Grid<T>, inside: impl Fn(T) -> bool) -> Rect {
+    // Flags per column instead of minima and maxima: the inner loop has no branches and vectorises.
     let mut columns = vec![0_u32; grid.width];
     let mut rows = 0..0;
     simd_dispatch(
@@ -213,7 +215,7 @@ pub fn bounding_box<T: Copy + Default>(grid: &Grid<T>, inside: impl Fn(T) -> boo
     }
 }
 
-/// A grid beside the camera's.
+/// Resolution of a grid relative to the camera's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
@@ -222,12 +224,12 @@ pub enum Resolution {
     Full,
     /// Every second pixel along x and y; in between the surface is interpolated.
     Half,
-    /// Every fourth.
+    /// Every fourth pixel; in between the surface is interpolated.
     Quarter,
 }
 
 impl Resolution {
-    /// Pixels of the camera from one pixel of the grid to the next.
+    /// Returns the distance between neighbouring grid points, in camera pixels.
     pub fn factor(self) -> usize {
         match self {
             Self::Full => 1,
@@ -251,7 +253,7 @@ mod tests {
         assert_eq!(bounding_box(&grid, |v| v > 0), Rect { x0: 2, y0: 1, x1: 6, y1: 4 });
         let corner = Rect { x0: 6, y0: 4, x1: 7, y1: 5 };
         assert_eq!(corner.grown(2, 7, 5), Rect { x0: 4, y0: 2, x1: 7, y1: 5 });
-        assert_eq!(corner.seen_from(1, 1, 4, 4), Rect::default());
-        assert_eq!(corner.seen_from(5, 1, 4, 4), Rect { x0: 1, y0: 3, x1: 2, y1: 4 });
+        assert_eq!(corner.in_window(1, 1, 4, 4), Rect::default());
+        assert_eq!(corner.in_window(5, 1, 4, 4), Rect { x0: 1, y0: 3, x1: 2, y1: 4 });
     }
 }

@@ -1,16 +1,17 @@
-//! What every stage of the simulator stands on.
+//! Basic types that every stage of the simulator uses: images, views, gel shapes and charts, random numbers, SIMD
+//! dispatch.
 
 pub mod angle;
 pub mod chart;
 pub mod clock;
 pub mod cubic;
 pub mod gel;
+pub mod gel_surface;
 pub mod grain;
 pub mod grid;
 pub mod light;
 pub mod rng;
 pub mod simd;
 pub mod site;
-pub mod surface;
 pub mod triangle;
 pub mod view;

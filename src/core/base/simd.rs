@@ -1,69 +1,71 @@
-//! Runs a kernel with the widest vectors that give the same bits everywhere.
+//! Runs a kernel with the widest vectors that the processor has; all widths give the same bits.
 
 use std::any::Any;
 use std::cell::Cell;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// The vectors that a kernel may be compiled for.
+/// A vector width that a kernel may be compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Vectors {
-    /// What every processor of the kind has.
+pub enum VectorWidth {
+    /// The vectors that every processor of this architecture has.
     Plain,
     /// AVX2: eight numbers.
     Eight,
-    /// AVX-512: sixteen numbers in plain loops; where a kernel names its vectors eight, in twice as many registers.
+    /// AVX-512: sixteen numbers in plain loops. Kernels that name their vectors still use eight, with twice as many
+    /// registers.
     Sixteen,
 }
 
-impl Vectors {
-    /// From the narrowest on.
+impl VectorWidth {
+    /// All widths, the narrowest first.
     pub const ALL: [Self; 3] = [Self::Plain, Self::Eight, Self::Sixteen];
 }
 
 thread_local! {
-    static MOST: Cell<Vectors> = const { Cell::new(Vectors::Sixteen) };
+    static MOST: Cell<VectorWidth> = const { Cell::new(VectorWidth::Sixteen) };
 }
 
-/// Does `work` as on a processor without wider vectors, on this thread: what it gives must not differ in a bit.
-pub fn at_most<T>(vectors: Vectors, work: impl FnOnce() -> T) -> T {
+/// Runs `work` on this thread as on a processor without wider vectors. The result must not differ in a bit.
+pub fn with_width_limit<T>(vectors: VectorWidth, work: impl FnOnce() -> T) -> T {
     let before = MOST.replace(vectors);
     let result = work();
     MOST.set(before);
     result
 }
 
-/// Does `work` as on a processor without wide vectors.
+/// Runs `work` as on a processor without wide vectors.
 pub fn scalar_only<T>(work: impl FnOnce() -> T) -> T {
-    at_most(Vectors::Plain, work)
+    with_width_limit(VectorWidth::Plain, work)
 }
 
-/// Runs `kernel`, compiled for every x86-64, for those with AVX2 and for those with AVX-512, chosen when the program runs,
-/// and returns what it does.
+/// Runs `kernel` and returns its result. The kernel is compiled for every x86-64, for those with AVX2 and for those
+/// with AVX-512; the version is chosen when the program runs.
 ///
-/// The compiler vectorises plain loops; it neither reorders sums nor fuses multiplications into additions on its own,
-/// so all versions give the same bits. The closure and all that it calls must be `#[inline(always)]`, or it stays
-/// as it is for every x86-64. What it counts or compares it returns: a variable of the caller's would lie in memory, and
-/// its loop would take one number at a time. It is `move` for the same reason, where its loop reads numbers of the caller's.
+/// The compiler vectorises plain loops; on its own, it neither reorders sums nor fuses multiplications into additions,
+/// so all versions give the same bits. The closure and all functions it calls must be `#[inline(always)]`; otherwise
+/// they stay compiled for every x86-64. The closure should return what it counts or compares: a variable of the caller
+/// would lie in memory, and the loop would process one number at a time. For the same reason the closure is `move`
+/// where its loop reads numbers of the caller.
 #[inline(always)]
 pub fn simd_dispatch<R>(kernel: impl FnOnce() -> R) -> R {
-    dispatch(Kernel(kernel))
+    dispatch_kernel(ClosureKernel(kernel))
 }
 
 /// Runs a kernel that names its vectors itself, for loops that the compiler does not vectorise. It gets vectors of
-/// eight numbers or of one; no operation may depend on which.
+/// eight numbers or of one; the result must not depend on which.
 #[inline(always)]
-pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
+pub fn dispatch_kernel<K: WithSimd>(kernel: K) -> K::Output {
     let most = MOST.get();
-    if most == Vectors::Plain {
+    if most == VectorWidth::Plain {
         return Arch::Scalar.dispatch(kernel);
     }
     #[cfg(target_arch = "x86_64")]
     {
         use pulp::x86::{V3, V4};
-        let sixteen = if most == Vectors::Sixteen { V4::try_new() } else { None };
+        let sixteen = if most == VectorWidth::Sixteen { V4::try_new() } else { None };
         match (V3::try_new(), sixteen) {
-            (Some(eight), Some(sixteen)) => Simd::vectorize(sixteen, OfEight { kernel, eight }),
+            (Some(eight), Some(sixteen)) => Simd::vectorize(sixteen, EightLaneKernel { kernel, eight }),
             (Some(eight), None) => Simd::vectorize(eight, kernel),
             (None, _) => Arch::Scalar.dispatch(kernel),
         }
@@ -72,10 +74,10 @@ pub fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     Arch::new().dispatch(kernel)
 }
 
-/// pulp takes closures too, but calls them through a shim that the compiler does not inline.
-struct Kernel<F>(F);
+/// A closure as a kernel. pulp accepts closures too, but calls them through a shim that the compiler does not inline.
+struct ClosureKernel<F>(F);
 
-impl<R, F: FnOnce() -> R> WithSimd for Kernel<F> {
+impl<R, F: FnOnce() -> R> WithSimd for ClosureKernel<F> {
     type Output = R;
 
     #[inline(always)]
@@ -84,15 +86,15 @@ impl<R, F: FnOnce() -> R> WithSimd for Kernel<F> {
     }
 }
 
-/// A kernel that names its vectors, with those of AVX2 in what is compiled for AVX-512: it counts on eight numbers.
+/// A kernel that names its vectors and expects eight numbers, with the AVX2 vectors inside code compiled for AVX-512.
 #[cfg(target_arch = "x86_64")]
-struct OfEight<K> {
+struct EightLaneKernel<K> {
     kernel: K,
     eight: pulp::x86::V3,
 }
 
 #[cfg(target_arch = "x86_64")]
-impl<K: WithSimd> WithSimd for OfEight<K> {
+impl<K: WithSimd> WithSimd for EightLaneKernel<K> {
     type Output = K::Output;
 
     #[inline(always)]
@@ -101,13 +103,13 @@ impl<K: WithSimd> WithSimd for OfEight<K> {
     }
 }
 
-/// Rows become columns.
+/// Transposes a matrix of 8 rows and columns.
 #[inline(always)]
-pub fn transposed<S: Simd>(simd: S, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
-    // Known when it is compiled. What the compiler makes of the loops takes twice the time.
+pub fn transpose_8x8<S: Simd>(simd: S, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
+    // The branch is decided at compile time. The compiler's code for the plain loops takes twice as long.
     #[cfg(target_arch = "x86_64")]
     if let Some(wide) = (&simd as &dyn Any).downcast_ref() {
-        return transposed_wide(*wide, rows);
+        return transpose_8x8_avx(*wide, rows);
     }
     let mut columns = [[0.0; 8]; 8];
     for (k, row) in rows.iter().enumerate() {
@@ -120,8 +122,8 @@ pub fn transposed<S: Simd>(simd: S, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
 
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
-fn transposed_wide(pulp::x86::V3 { avx, .. }: pulp::x86::V3, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
-    // Halves of columns: numbers 0 to 3 come into the lower half of a vector, 4 to 7 into the upper one.
+fn transpose_8x8_avx(pulp::x86::V3 { avx, .. }: pulp::x86::V3, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
+    // First transpose 4 x 4 blocks: numbers 0 to 3 go to the lower half of a vector, 4 to 7 to the upper half.
     let mut halves = [avx._mm256_setzero_ps(); 8];
     for (half, four) in halves.as_chunks_mut::<4>().0.iter_mut().zip(rows.as_chunks::<4>().0) {
         let [a, b, c, d] = [pulp::cast(four[0]), pulp::cast(four[1]), pulp::cast(four[2]), pulp::cast(four[3])];
@@ -140,19 +142,20 @@ fn transposed_wide(pulp::x86::V3 { avx, .. }: pulp::x86::V3, rows: &[[f32; 8]; 8
     columns
 }
 
-/// The whole part of a number from 0 to 2^22 and the rest, from 0 to below 1.
+/// Splits a number from 0 to 2^22 into its whole part and the rest, from 0 to below 1.
 #[inline(always)]
-pub fn split(number: f32) -> (u32, f32) {
-    // From 2^23 on, floats are whole numbers. Unlike a cast, which has more cases to mind, this runs on eight at a time.
+pub fn split_fraction(number: f32) -> (u32, f32) {
+    // From 2^23 on, consecutive floats are whole numbers. A cast has to handle more cases; this runs on eight at a
+    // time.
     const WHOLE: f32 = 8_388_608.0;
     let nearest = (number + WHOLE) - WHOLE;
     let below = if nearest > number { nearest - 1.0 } else { nearest };
     ((below + WHOLE).to_bits() - WHOLE.to_bits(), number - below)
 }
 
-/// The sum of values: eight partial sums, the same on every processor.
+/// Sums values in eight partial sums, so that the result is the same on every processor.
 #[inline(always)]
-pub fn sum(values: &[f32]) -> f64 {
+pub fn sum_values(values: &[f32]) -> f64 {
     let mut sums = [0.0_f64; 8];
     let (eights, rest) = values.as_chunks::<8>();
     for eight in eights {
@@ -164,16 +167,16 @@ pub fn sum(values: &[f32]) -> f64 {
     sums.iter().sum()
 }
 
-/// How many, of less than 2^32, are true.
+/// Counts how many of the values (fewer than 2^32) are true.
 #[inline(always)]
-pub fn count(values: impl Iterator<Item = bool>) -> u32 {
+pub fn count_true(values: impl Iterator<Item = bool>) -> u32 {
     values.map(u32::from).sum()
 }
 
-/// The largest of values, 0 if none is above it.
+/// Returns the largest of the values, 0 if none is above 0.
 #[inline(always)]
-pub fn largest(values: impl Iterator<Item = f32>) -> f32 {
-    // Floats from 0 up are ordered like their bits, and eight whole numbers are compared at a time.
+pub fn largest_value(values: impl Iterator<Item = f32>) -> f32 {
+    // Non-negative floats are ordered like their bits, and whole numbers are compared eight at a time.
     f32::from_bits(values.fold(0, |most, value| value.max(0.0).to_bits().max(most)))
 }
 
@@ -188,14 +191,14 @@ mod tests {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-            transposed(simd, &self.0)
+            transpose_8x8(simd, &self.0)
         }
     }
 
     #[test]
     fn columns_become_rows_whatever_the_vectors() {
         let rows: [[f32; 8]; 8] = std::array::from_fn(|y| std::array::from_fn(|x| (8 * y + x) as f32));
-        for columns in Vectors::ALL.map(|vectors| at_most(vectors, || dispatch(Transpose(rows)))) {
+        for columns in VectorWidth::ALL.map(|vectors| with_width_limit(vectors, || dispatch_kernel(Transpose(rows)))) {
             for (x, column) in columns.iter().enumerate() {
                 assert_eq!(*column, std::array::from_fn(|y| rows[y][x]));
             }

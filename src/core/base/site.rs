@@ -1,33 +1,34 @@
-//! Points of a gel that is not flat.
+//! Points of a curved gel.
 
 use glam::DVec3;
 
-/// A point of a gel.
+/// A point on the surface of a curved gel, in the sensor's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Site {
-    /// Out of the gel.
+    /// Normal, out of the gel.
     pub normal: DVec3,
-    /// How far below the middle of the tip's ball it is, mm: above 0 on a capsule's cylinder, else 0.
+    /// How far the point lies below the centre of the tip's ball, mm: above 0 on a capsule's cylinder, else 0.
     pub below_mm: f64,
-    /// Where it is, mm.
+    /// Position, mm.
     pub point_mm: DVec3,
 }
 
-/// Where a point of a chart is on the gel.
+/// The gel at a point of a chart: position, normal and directions, in the sensor's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rest {
-    /// Out of the gel.
+pub struct SurfaceFrame {
+    /// Normal, out of the gel.
     pub normal: DVec3,
-    /// How far below the middle of the tip's ball it is, mm.
+    /// How far the point lies below the centre of the tip's ball, mm.
     pub below_mm: f64,
-    /// Where it is, mm.
+    /// Position, mm.
     pub point_mm: DVec3,
-    /// Along the chart's x and y, as they go over the gel from its middle without a turn: unit vectors across the normal.
+    /// Directions of the chart's x and y on the gel, transported from the chart's centre without rotation: unit vectors
+    /// across the normal.
     pub tangents: [DVec3; 2],
 }
 
-impl Rest {
-    /// The same as a point of the gel.
+impl SurfaceFrame {
+    /// Returns the point without its tangents.
     pub(crate) fn site(&self) -> Site {
         Site { normal: self.normal, below_mm: self.below_mm, point_mm: self.point_mm }
     }

@@ -1,9 +1,9 @@
-//! What of a triangle is closest to a point.
+//! The point of a triangle that is closest to a given point.
 
 use glam::DVec3;
 
-/// The point of a triangle that is closest to `to`.
-pub fn nearest_of_triangle(to: DVec3, a: DVec3, b: DVec3, c: DVec3) -> DVec3 {
+/// Returns the point of a triangle that is closest to `to`. Triangles without area are treated as their edges.
+pub fn nearest_point_on_triangle(to: DVec3, a: DVec3, b: DVec3, c: DVec3) -> DVec3 {
     let normal = (b - a).cross(c - a);
     let length = normal.length_squared();
     if length > 0.0 {
@@ -39,7 +39,7 @@ mod tests {
             [a, b, c, to] in prop::array::uniform4(corner()),
             [s, t] in prop::array::uniform2(0.0..1.0_f64),
         ) {
-            let nearest = nearest_of_triangle(to, a, b, c);
+            let nearest = nearest_point_on_triangle(to, a, b, c);
             let (s, t) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
             let other = a + s * (b - a) + t * (c - a);
             prop_assert!(to.distance(nearest) <= to.distance(other) + 1e-9);

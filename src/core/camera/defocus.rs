@@ -1,62 +1,64 @@
-//! A lens out of focus: every point of light spread into a Gaussian spot.
+//! Defocus: a lens that is out of focus spreads every point of light into a Gaussian spot.
 //!
 //! The weights are those of the discrete Gaussian exp(-s^2) I_k(s^2) (Lindeberg 1990, "Scale-space for discrete
-//! signals"), because its variance is s^2 for every s: a sampled curve is too narrow below half a pixel, where most
-//! cameras are. Valid for spots of up to 100 px; a real one is a disc with a soft rim, of the same variance.
+//! signals"): its variance is s^2 for every s. A sampled curve is too narrow below half a pixel, where most cameras
+//! are. Valid for spots of up to 100 px. A real spot is a disc with a soft rim and the same variance.
 
 use crate::base::grid::Rect;
 use crate::base::simd::simd_dispatch;
 
-/// Standard deviations above this are taken for it, px.
+/// Largest standard deviation, px; larger ones are clamped to it.
 const LARGEST_SIGMA_PX: f64 = 100.0;
 
-/// How far a spot reaches along the axis on which it is wider, px: four standard deviations.
+/// Returns how far a spot reaches along its wider axis, px: four standard deviations.
 pub fn reach_px(sigma_px: [f64; 2]) -> usize {
-    reach(sigma_px[0]).max(reach(sigma_px[1]))
+    axis_reach_px(sigma_px[0]).max(axis_reach_px(sigma_px[1]))
 }
 
-/// Blurs a difference image: given on the part `there` of a view and 0 outside it, wanted on the part `here`. `there`
-/// [grown](Rect::grown) by [`reach_px`] holds all of the result. Standard deviations are along x and y; those that are
-/// not above 0 change nothing.
-pub fn blur(planes: &[Vec<f32>; 3], there: Rect, here: Rect, sigma_px: [f64; 2]) -> [Vec<f32>; 3] {
-    spread(planes, there, here, sigma_px, Beyond::Dark)
+/// Blurs a difference image, known on the part `source` of a view and 0 outside it; returns the part `target`.
+///
+/// The result is 0 outside `source` [grown](Rect::grown) by [`reach_px`]. Standard deviations are along x and y; those
+/// that are not above 0 change nothing.
+pub fn blur_region(planes: &[Vec<f32>; 3], source: Rect, target: Rect, sigma_px: [f64; 2]) -> [Vec<f32>; 3] {
+    convolve(planes, source, target, sigma_px, BorderMode::Zero)
 }
 
-/// Blurs whole pictures of `width` x `height` pixels, which go on beyond their edges like their edges.
+/// Blurs entire pictures of `width` x `height` pixels; outside its edges a picture repeats them.
 pub fn blur_whole(planes: &[Vec<f32>; 3], width: usize, height: usize, sigma_px: [f64; 2]) -> [Vec<f32>; 3] {
     let whole = Rect::whole(width, height);
-    spread(planes, whole, whole, sigma_px, Beyond::Edge)
+    convolve(planes, whole, whole, sigma_px, BorderMode::Replicate)
 }
 
-/// Share of the variance of white noise that a blur leaves: the sum of its squared weights, which for the discrete
-/// Gaussian is the middle weight of the one with twice the variance.
-pub fn noise_kept(sigma_px: [f64; 2]) -> f64 {
-    sigma_px.iter().map(|sigma| f64::from(weights(usable(*sigma) * std::f64::consts::SQRT_2)[0])).product()
+/// Returns the fraction of the variance of white noise that a blur leaves: the sum of its squared weights. For the
+/// discrete Gaussian, that is the middle weight of the kernel with twice the variance.
+pub fn remaining_noise_variance(sigma_px: [f64; 2]) -> f64 {
+    sigma_px.iter().map(|sigma| f64::from(kernel_weights(clamp_sigma(*sigma) * std::f64::consts::SQRT_2)[0])).product()
 }
 
-/// What lies beyond the part that is given.
+/// The values outside the part that is known.
 #[derive(Clone, Copy)]
-enum Beyond {
-    /// Nothing.
-    Dark,
-    /// The nearest value.
-    Edge,
+enum BorderMode {
+    /// Zeros.
+    Zero,
+    /// The nearest known value.
+    Replicate,
 }
 
-/// A standard deviation that can be worked with: 0 if it is not above 0.
-fn usable(sigma_px: f64) -> f64 {
+/// Clamps a standard deviation to what can be computed; what is not above 0 (NaN, too) becomes 0.
+fn clamp_sigma(sigma_px: f64) -> f64 {
     if sigma_px > 0.0 { sigma_px.min(LARGEST_SIGMA_PX) } else { 0.0 }
 }
 
-fn reach(sigma_px: f64) -> usize {
-    libm::ceil(4.0 * usable(sigma_px)) as usize
+fn axis_reach_px(sigma_px: f64) -> usize {
+    libm::ceil(4.0 * clamp_sigma(sigma_px)) as usize
 }
 
-/// One side of the spot from its middle on; both sides add up to 1.
-fn weights(sigma_px: f64) -> Vec<f32> {
-    let reach = reach(sigma_px);
-    let variance = usable(sigma_px) * usable(sigma_px);
-    // Each weight over the one before it, from far out on inwards: what the start is off by dies away on the way.
+/// Computes one side of the kernel, from its middle on; the sum of both sides is 1.
+fn kernel_weights(sigma_px: f64) -> Vec<f32> {
+    let reach = axis_reach_px(sigma_px);
+    let variance = clamp_sigma(sigma_px) * clamp_sigma(sigma_px);
+    // The ratio of each weight to the one before it, by the recurrence of the Bessel functions. It runs from far
+    // outside inwards, because the error of its first value dies away in this direction only.
     let mut ratios = vec![0.0; reach + 1];
     let mut ratio = 0.0;
     for k in (1..=2 * reach + 8).rev() {
@@ -71,98 +73,105 @@ fn weights(sigma_px: f64) -> Vec<f32> {
     }
     let sum = 2.0 * shape.iter().sum::<f64>() - 1.0;
     let mut weights: Vec<f32> = shape.iter().map(|weight| (weight / sum) as f32).collect();
-    // What rounding took goes to the middle: even light stays as it is.
+    // What rounding lost goes to the middle weight, so that even light stays as it is.
     weights[0] = (1.0 - 2.0 * weights[1..].iter().map(|weight| f64::from(*weight)).sum::<f64>()) as f32;
     weights
 }
 
-fn spread(planes: &[Vec<f32>; 3], there: Rect, here: Rect, sigma_px: [f64; 2], beyond: Beyond) -> [Vec<f32>; 3] {
-    let mut blurred = [(); 3].map(|()| vec![0.0; here.area()]);
-    if there.is_empty() || here.is_empty() {
+/// Blurs planes that are known on `source`, and returns them on `target`.
+fn convolve(
+    planes: &[Vec<f32>; 3],
+    source: Rect,
+    target: Rect,
+    sigma_px: [f64; 2],
+    border_mode: BorderMode,
+) -> [Vec<f32>; 3] {
+    let mut blurred = [(); 3].map(|()| vec![0.0; target.area()]);
+    if source.is_empty() || target.is_empty() {
         return blurred;
     }
-    let [across, down] = sigma_px.map(weights);
-    let mut rows = Rows::new(there, here, across, beyond, 2 * down.len() - 1);
+    let [across, down] = sigma_px.map(kernel_weights);
+    let mut rows = BlurredRows::new(source, target, across, border_mode, 2 * down.len() - 1);
     for (plane, blurred) in planes.iter().zip(&mut blurred) {
         simd_dispatch(
             #[inline(always)]
-            || blur_columns(plane, &mut rows, here, &down, blurred),
+            || blur_columns(plane, &mut rows, target, &down, blurred),
         );
     }
     blurred
 }
 
-/// Blurs a plane along y, its rows along x before.
+/// Blurs a plane along y; `rows` blurs its rows along x as they are needed.
 #[inline(always)]
-fn blur_columns(plane: &[f32], rows: &mut Rows, here: Rect, weights: &[f32], out: &mut [f32]) {
+fn blur_columns(plane: &[f32], rows: &mut BlurredRows, target: Rect, weights: &[f32], out: &mut [f32]) {
     let reach = weights.len() - 1;
-    let there = rows.there;
-    let mut next = here.y0.saturating_sub(reach).clamp(there.y0, there.y1 - 1);
-    for (y, out) in (here.y0..).zip(out.chunks_exact_mut(here.width())) {
-        while next < (y + reach + 1).clamp(there.y0 + 1, there.y1) {
-            rows.blur(plane, next);
+    let source = rows.source;
+    let mut next = target.y0.saturating_sub(reach).clamp(source.y0, source.y1 - 1);
+    for (y, out) in (target.y0..).zip(out.chunks_exact_mut(target.width())) {
+        while next < (y + reach + 1).clamp(source.y0 + 1, source.y1) {
+            rows.blur_row(plane, next);
             next += 1;
         }
-        let sides: Vec<_> = (1..=reach).map(|k| [rows.at(y.checked_sub(k)), rows.at(Some(y + k))]).collect();
-        sum(weights, rows.at(Some(y)), &sides, out);
+        let sides: Vec<_> = (1..=reach).map(|k| [rows.row_at(y.checked_sub(k)), rows.row_at(Some(y + k))]).collect();
+        sum_weighted_lines(weights, rows.row_at(Some(y)), &sides, out);
     }
 }
 
-/// The rows of `there`, blurred along x, in the columns of `here`: as many as are needed at a time.
-struct Rows {
-    there: Rect,
+/// Rows of the source, blurred along x, in the columns of the target: as many as the blur along y needs at a time.
+struct BlurredRows {
+    source: Rect,
     width: usize,
     weights: Vec<f32>,
-    beyond: Beyond,
-    /// Row `y` stands at `y` modulo their number.
+    border_mode: BorderMode,
+    /// A ring buffer: row `y` stands at `y` modulo the number of rows.
     blurred: Vec<f32>,
-    /// A row of nothing.
-    dark: Vec<f32>,
-    /// A row before it is blurred, with what reaches into the columns of `here`.
+    /// A row of zeros.
+    zeros: Vec<f32>,
+    /// A row before it is blurred, with what reaches into the columns of the target.
     line: Vec<f32>,
-    /// Which of `line` are given; the first of them is column `skipped` of `there`.
-    given: std::ops::Range<usize>,
+    /// The values of `line` that are known; the first of them is column `skipped` of the source.
+    known: std::ops::Range<usize>,
     skipped: usize,
 }
 
-impl Rows {
-    fn new(there: Rect, here: Rect, weights: Vec<f32>, beyond: Beyond, count: usize) -> Self {
-        let (width, reach) = (here.width(), weights.len() - 1);
-        let within = |column: usize| (column + reach).saturating_sub(here.x0).min(width + 2 * reach);
+impl BlurredRows {
+    fn new(source: Rect, target: Rect, weights: Vec<f32>, border_mode: BorderMode, count: usize) -> Self {
+        let (width, reach) = (target.width(), weights.len() - 1);
+        let within = |column: usize| (column + reach).saturating_sub(target.x0).min(width + 2 * reach);
         Self {
-            there,
+            source,
             width,
-            beyond,
+            border_mode,
             blurred: vec![0.0; width * count],
-            dark: vec![0.0; width],
+            zeros: vec![0.0; width],
             line: vec![0.0; width + 2 * reach],
-            given: within(there.x0)..within(there.x1),
-            skipped: here.x0.saturating_sub(there.x0 + reach).min(there.width()),
+            known: within(source.x0)..within(source.x1),
+            skipped: target.x0.saturating_sub(source.x0 + reach).min(source.width()),
             weights,
         }
     }
 
     #[inline(always)]
-    fn blur(&mut self, plane: &[f32], y: usize) {
-        let row = &plane[(y - self.there.y0) * self.there.width()..][..self.there.width()];
-        if let Beyond::Edge = self.beyond {
-            self.line[..self.given.start].fill(row[0]);
-            self.line[self.given.end..].fill(row[row.len() - 1]);
+    fn blur_row(&mut self, plane: &[f32], y: usize) {
+        let row = &plane[(y - self.source.y0) * self.source.width()..][..self.source.width()];
+        if let BorderMode::Replicate = self.border_mode {
+            self.line[..self.known.start].fill(row[0]);
+            self.line[self.known.end..].fill(row[row.len() - 1]);
         }
-        self.line[self.given.clone()].copy_from_slice(&row[self.skipped..][..self.given.len()]);
+        self.line[self.known.clone()].copy_from_slice(&row[self.skipped..][..self.known.len()]);
         let reach = self.weights.len() - 1;
         let shifted = |by: usize| &self.line[by..][..self.width];
         let sides: Vec<_> = (1..=reach).map(|k| [shifted(reach - k), shifted(reach + k)]).collect();
         let start = y * self.width % self.blurred.len();
-        sum(&self.weights, shifted(reach), &sides, &mut self.blurred[start..][..self.width]);
+        sum_weighted_lines(&self.weights, shifted(reach), &sides, &mut self.blurred[start..][..self.width]);
     }
 
-    /// Row `y` of the view; none is one above it.
+    /// Returns row `y` of the view; `None` is a row above it.
     #[inline(always)]
-    fn at(&self, y: Option<usize>) -> &[f32] {
-        let nearest = y.unwrap_or(0).clamp(self.there.y0, self.there.y1 - 1);
-        match self.beyond {
-            Beyond::Dark if y != Some(nearest) => &self.dark,
+    fn row_at(&self, y: Option<usize>) -> &[f32] {
+        let nearest = y.unwrap_or(0).clamp(self.source.y0, self.source.y1 - 1);
+        match self.border_mode {
+            BorderMode::Zero if y != Some(nearest) => &self.zeros,
             _ => &self.blurred[nearest * self.width % self.blurred.len()..][..self.width],
         }
     }
@@ -171,9 +180,9 @@ impl Rows {
 /// Numbers that are summed at a time: they stay in registers.
 const BLOCK: usize = 32;
 
-/// The weighted sum of a line and of the pairs of lines to its sides.
+/// Computes the weighted sum of a line and of the pairs of lines to its sides.
 #[inline(always)]
-fn sum(weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
+fn sum_weighted_lines(weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
     let whole = out.len() - out.len() % BLOCK;
     for start in (0..whole).step_by(BLOCK) {
         let mut sums: [f32; BLOCK] = std::array::from_fn(|i| weights[0] * middle[start + i]);
@@ -217,24 +226,25 @@ mod tests {
             let values = angles.map(|angle| (sigma * sigma * (angle.cos() - 1.0)).exp() * (k as f64 * angle).cos());
             values.sum::<f64>() / f64::from(steps)
         };
-        let weights: Vec<f64> = (0..=reach(sigma)).map(weight).collect();
+        let weights: Vec<f64> = (0..=axis_reach_px(sigma)).map(weight).collect();
         let sum = 2.0 * weights.iter().sum::<f64>() - weights[0];
         weights.iter().map(|weight| weight / sum).collect()
     }
 
     /// The double sum as written, in f64.
-    fn oracle(plane: &[f32], there: Rect, here: Rect, sigma: [f64; 2], beyond: Beyond) -> Vec<f64> {
+    fn oracle(plane: &[f32], source: Rect, target: Rect, sigma: [f64; 2], border_mode: BorderMode) -> Vec<f64> {
         let [across, down] = sigma.map(exact_weights);
         let value = |x: isize, y: isize| {
-            let (column, row) = (x - there.x0 as isize, y - there.y0 as isize);
-            let (last, bottom) = (there.width() as isize - 1, there.height() as isize - 1);
+            let (column, row) = (x - source.x0 as isize, y - source.y0 as isize);
+            let (last, bottom) = (source.width() as isize - 1, source.height() as isize - 1);
             let (near, level) = (column.clamp(0, last), row.clamp(0, bottom));
-            let dark = matches!(beyond, Beyond::Dark) && (near, level) != (column, row);
-            if dark { 0.0 } else { f64::from(plane[level as usize * there.width() + near as usize]) }
+            let dark = matches!(border_mode, BorderMode::Zero) && (near, level) != (column, row);
+            if dark { 0.0 } else { f64::from(plane[level as usize * source.width() + near as usize]) }
         };
         let sides = |weights: &[f64]| weights.len() as isize - 1;
         let mut sums = Vec::new();
-        for (y, x) in (here.y0..here.y1).flat_map(|y| (here.x0..here.x1).map(move |x| (y as isize, x as isize))) {
+        for (y, x) in (target.y0..target.y1).flat_map(|y| (target.x0..target.x1).map(move |x| (y as isize, x as isize)))
+        {
             let mut sum = 0.0;
             for v in -sides(&down)..=sides(&down) {
                 for u in -sides(&across)..=sides(&across) {
@@ -249,7 +259,7 @@ mod tests {
     #[test]
     fn weights_are_those_of_the_discrete_gaussian_and_have_its_variance() {
         for sigma in [1e-6, 0.05, 0.2, 0.3, 0.5, 0.77, 1.0, 2.0, 5.5, 20.0, 100.0] {
-            let found = weights(sigma);
+            let found = kernel_weights(sigma);
             for (k, (found, exact)) in found.iter().zip(exact_weights(sigma)).enumerate() {
                 assert!((f64::from(*found) - exact).abs() < 2e-7, "{sigma} {k}: {found} {exact}");
             }
@@ -262,7 +272,7 @@ mod tests {
     #[test]
     fn blurring_agrees_with_the_double_sum() {
         let part = |x0, y0, x1, y1| Rect { x0, y0, x1, y1 };
-        for (there, here) in [
+        for (source, target) in [
             (part(20, 10, 61, 33), part(10, 0, 75, 50)),
             (part(20, 10, 61, 33), part(25, 12, 30, 14)),
             (part(3, 3, 4, 4), part(0, 0, 9, 7)),
@@ -272,16 +282,19 @@ mod tests {
             (part(0, 0, 3, 3), part(50, 50, 53, 53)),
         ] {
             for sigma in [[0.3, 0.3], [1.0, 1.3], [0.0, 2.0], [2.6, 0.0], [4.0, 1.0]] {
-                let planes = light(there.area());
-                for beyond in [Beyond::Dark, Beyond::Edge] {
-                    let found = spread(&planes, there, here, sigma, beyond);
+                let planes = light(source.area());
+                for border_mode in [BorderMode::Zero, BorderMode::Replicate] {
+                    let found = convolve(&planes, source, target, sigma, border_mode);
                     for (plane, found) in planes.iter().zip(&found) {
-                        for (found, exact) in found.iter().zip(oracle(plane, there, here, sigma, beyond)) {
+                        for (found, exact) in found.iter().zip(oracle(plane, source, target, sigma, border_mode)) {
                             let error = (f64::from(*found) - exact).abs();
-                            assert!(error < 1e-6, "{there:?} {here:?} {sigma:?}: {found} {exact}");
+                            assert!(error < 1e-6, "{source:?} {target:?} {sigma:?}: {found} {exact}");
                         }
                     }
-                    assert_eq!(bits(&found), bits(&scalar_only(|| spread(&planes, there, here, sigma, beyond))));
+                    assert_eq!(
+                        bits(&found),
+                        bits(&scalar_only(|| convolve(&planes, source, target, sigma, border_mode)))
+                    );
                 }
             }
         }
@@ -290,12 +303,12 @@ mod tests {
     #[test]
     fn what_a_blur_leaves_of_white_noise_is_the_sum_of_its_squared_weights() {
         for sigma in [0.0, 0.2, 0.7, 1.5, 6.0] {
-            let line = weights(sigma);
+            let line = kernel_weights(sigma);
             let squares: f64 = line.iter().map(|weight| f64::from(weight * weight)).sum();
             let kept = 2.0 * squares - f64::from(line[0] * line[0]);
             // What is cut off of the spots is missed most where their reach is a pixel or two.
-            assert!((noise_kept([sigma, 0.0]) - kept).abs() < 1e-3 * kept, "{sigma}");
-            assert!((noise_kept([sigma; 2]) - kept * kept).abs() < 2e-3 * kept * kept, "{sigma}");
+            assert!((remaining_noise_variance([sigma, 0.0]) - kept).abs() < 1e-3 * kept, "{sigma}");
+            assert!((remaining_noise_variance([sigma; 2]) - kept * kept).abs() < 2e-3 * kept * kept, "{sigma}");
         }
     }
 
@@ -307,21 +320,21 @@ mod tests {
                 assert!(even.iter().flatten().all(|value| (value - 0.7).abs() < 1e-6), "{width} {height} {sigma}");
             }
         }
-        let (there, sigma) = (Rect { x0: 100, y0: 90, x1: 140, y1: 101 }, [3.0, 1.7]);
-        let here = there.grown(reach_px(sigma), 300, 300);
-        let planes = light(there.area());
+        let (source, sigma) = (Rect { x0: 100, y0: 90, x1: 140, y1: 101 }, [3.0, 1.7]);
+        let target = source.grown(reach_px(sigma), 300, 300);
+        let planes = light(source.area());
         let sum = |plane: &Vec<f32>| plane.iter().map(|value| f64::from(*value)).sum::<f64>();
-        for (before, after) in planes.iter().zip(&blur(&planes, there, here, sigma)) {
+        for (before, after) in planes.iter().zip(&blur_region(&planes, source, target, sigma)) {
             assert!((sum(before) - sum(after)).abs() < 1e-4, "{} {}", sum(before), sum(after));
         }
     }
 
     #[test]
     fn nothing_arrives_beyond_the_reach_and_a_part_is_a_part_of_the_whole() {
-        let (there, whole, sigma) = (Rect { x0: 40, y0: 30, x1: 52, y1: 37 }, Rect::whole(90, 70), [2.2, 0.9]);
-        let planes = light(there.area());
-        let near = there.grown(reach_px(sigma), 90, 70);
-        let (all, part) = (blur(&planes, there, whole, sigma), blur(&planes, there, near, sigma));
+        let (source, whole, sigma) = (Rect { x0: 40, y0: 30, x1: 52, y1: 37 }, Rect::whole(90, 70), [2.2, 0.9]);
+        let planes = light(source.area());
+        let near = source.grown(reach_px(sigma), 90, 70);
+        let (all, part) = (blur_region(&planes, source, whole, sigma), blur_region(&planes, source, near, sigma));
         for (all, part) in all.into_iter().zip(part) {
             let mut pasted = crate::base::grid::Grid::<f32>::new(90, 70);
             pasted.paste(
@@ -357,8 +370,8 @@ mod tests {
         }
         let (none, some) = (Rect::default(), Rect::whole(5, 4));
         let nothing = [vec![], vec![], vec![]];
-        assert_eq!(blur(&nothing, none, some, [1.0; 2]), [(); 3].map(|()| vec![0.0; 20]));
-        assert_eq!(blur(&light(20), some, none, [1.0; 2]), nothing);
+        assert_eq!(blur_region(&nothing, none, some, [1.0; 2]), [(); 3].map(|()| vec![0.0; 20]));
+        assert_eq!(blur_region(&light(20), some, none, [1.0; 2]), nothing);
         assert_eq!(blur_whole(&nothing, 0, 0, [1.0; 2]), nothing);
     }
 }

@@ -1,27 +1,29 @@
 //! Dots printed on the pad: where they are at rest, and how they are drawn onto light.
 //!
-//! A dot is an ellipse of ink with a soft edge; how much of a pixel it covers is taken from the distance to its edge,
-//! and the edge is moved so that the ink is what the ellipse's area says (Steiner's formula for the ramp). That is met
-//! within 1 % from a radius of 0.3 px on, while the radii are alike (7 : 10) and the edge is no wider than the dot. Ink
-//! over ink darkens by both.
+//! A dot is an ellipse of ink with a soft edge. How much of a pixel it covers follows from the distance of the pixel to
+//! the edge. The edge is moved so that the amount of ink is that of the ellipse's area (Steiner's formula for the
+//! ramp). This holds within 1 % from a radius of 0.3 px on, while the radii are alike (7 : 10) and the edge is no wider
+//! than the dot. Where dots overlap, both take their share of the light.
 
 use crate::base::grid::Rect;
 use crate::base::simd::simd_dispatch;
 
-use super::noise::mix;
+use super::noise::splitmix64;
 
 /// A dot in the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dot {
-    /// Its middle, px from the top left corner: pixel (i, j) has its middle at (i + 0.5, j + 0.5).
+    /// Its middle, px from the top left corner: pixel (i, j) has its centre at (i + 0.5, j + 0.5).
     pub at_px: [f32; 2],
-    /// Its radii along x and y, px. A dot whose radii are not above 0 or that is nowhere is not drawn.
+    /// Its radii along x and y, px. A dot is drawn only if its radii are above 0 and its middle is finite.
     pub radius_px: [f32; 2],
 }
 
-/// Draws dots onto the part `region` of the picture's light: each channel is multiplied by 1 - cover (1 - `color`),
-/// with `color` the share of it that the ink lets through. From full ink to none takes `edge_px`, and a pixel more.
-pub fn draw(dots: &[Dot], color: [f32; 3], edge_px: f32, planes: &mut [Vec<f32>; 3], region: Rect) {
+/// Draws dots onto the part `region` of the picture's light.
+///
+/// Each channel is multiplied by 1 - cover (1 - `color`), with `color` the fraction of the light that the ink lets
+/// through. The ramp from full ink to none is `edge_px` and one pixel wide.
+pub fn draw_dots(dots: &[Dot], color: [f32; 3], edge_px: f32, planes: &mut [Vec<f32>; 3], region: Rect) {
     let absorbed = color.map(|through| 1.0 - through);
     let (mut samples, mut cover) = (Vec::new(), Vec::new());
     simd_dispatch(
@@ -31,7 +33,7 @@ pub fn draw(dots: &[Dot], color: [f32; 3], edge_px: f32, planes: &mut [Vec<f32>;
                 let Some(stamp) = Stamp::new(dot, edge_px, region) else { continue };
                 let Rect { x0, y0, x1, y1 } = stamp.part;
                 for y in y0..y1 {
-                    stamp.cover(y, &mut samples, &mut cover);
+                    stamp.compute_row_coverage(y, &mut samples, &mut cover);
                     let start = (y - region.y0) * region.width() + x0 - region.x0;
                     for (plane, absorbed) in planes.iter_mut().zip(absorbed) {
                         for (light, cover) in plane[start..][..x1 - x0].iter_mut().zip(&cover) {
@@ -44,44 +46,44 @@ pub fn draw(dots: &[Dot], color: [f32; 3], edge_px: f32, planes: &mut [Vec<f32>;
     );
 }
 
-/// Dots smaller than this are drawn on a finer grid than the pixels, on which they are not, px.
-const LEAST_RADIUS_PX: f32 = 4.0;
+/// Dots with a smaller radius are drawn on a grid finer than the pixels, on which their radius is at least this, px.
+const MIN_RADIUS_PX: f32 = 4.0;
 
-/// How many times finer that grid is at most.
-const FINEST: f32 = 32.0;
+/// Largest factor by which that grid is finer than the pixels.
+const MAX_OVERSAMPLING: f32 = 32.0;
 
-/// Radii and edges above this are taken for it, px.
+/// Largest radius and edge, px; larger ones are clamped to it.
 const LARGEST_PX: f32 = 1e6;
 
-/// A dot made ready to be drawn, in lengths of a grid `fine` times finer than the pixels.
+/// A dot prepared for drawing, in lengths of a grid `oversampling` times finer than the pixels.
 struct Stamp {
     /// The pixels that it touches.
     part: Rect,
-    fine: usize,
+    oversampling: usize,
     middle: [f32; 2],
-    /// One over the radii of the ellipse where the ink ends.
-    inverse: [f32; 2],
-    /// First and last of the grid's columns that it touches, counted from the part's first.
+    /// One over the radii of the ellipse at which the ink ends.
+    inverse_radius: [f32; 2],
+    /// First and last column of the finer grid that it touches, counted from the first one of the part.
     columns: [usize; 2],
-    /// One over the way from full ink to none.
+    /// One over the width of the ramp from full ink to none.
     steepness: f32,
 }
 
 impl Stamp {
-    /// The stamp of a dot; none if it touches no pixel of `region`.
+    /// Prepares a dot; returns `None` if it touches no pixel of `region`.
     fn new(dot: &Dot, edge_px: f32, region: Rect) -> Option<Self> {
         let drawable = dot.at_px.iter().all(|at| at.is_finite()) && dot.radius_px.iter().all(|radius| *radius > 0.0);
         if !drawable {
             return None;
         }
         let radius = dot.radius_px.map(|radius| radius.min(LARGEST_PX));
-        let fine = libm::ceilf(LEAST_RADIUS_PX / radius[0].min(radius[1])).clamp(1.0, FINEST);
+        let fine = libm::ceilf(MIN_RADIUS_PX / radius[0].min(radius[1])).clamp(1.0, MAX_OVERSAMPLING);
         let ramp = 1.0 + fine * if edge_px > 0.0 { edge_px.min(LARGEST_PX) } else { 0.0 };
-        let spare = spare(fine * libm::sqrtf(radius[0]) * libm::sqrtf(radius[1]), ramp);
+        let spare = ramp_overhang(fine * libm::sqrtf(radius[0]) * libm::sqrtf(radius[1]), ramp);
         let outer = radius.map(|radius| radius * fine + spare);
         let middle = dot.at_px.map(|at| at * fine);
 
-        // In pixels from the left or the top.
+        // Pixels from the left or from the top.
         let range = |axis: usize, start: usize, end: usize| {
             let [first, last] = [middle[axis] - outer[axis], middle[axis] + outer[axis]].map(|at| at / fine);
             let cut = |at: f32| (at.max(0.0) as usize).clamp(start, end);
@@ -97,61 +99,66 @@ impl Stamp {
         let columns = [column(middle[0] - outer[0]), column(libm::ceilf(middle[0] + outer[0]))];
         Some(Self {
             part,
-            fine: fine_px,
+            oversampling: fine_px,
             middle,
-            inverse: outer.map(|outer| 1.0 / outer),
+            inverse_radius: outer.map(|outer| 1.0 / outer),
             columns,
             steepness: 1.0 / ramp,
         })
     }
 
-    /// What share of each pixel in row `y` of the part is covered; `samples` is memory to work in.
+    /// Computes the fraction of each pixel in row `y` of the part that is covered; `samples` is scratch memory.
     #[inline(always)]
-    fn cover(&self, y: usize, samples: &mut Vec<f32>, cover: &mut Vec<f32>) {
+    fn compute_row_coverage(&self, y: usize, samples: &mut Vec<f32>, cover: &mut Vec<f32>) {
         let [first, last] = self.columns;
-        // Whole blocks, so that none is left over: beyond its edge, a dot covers nothing.
+        // Full blocks only, so that no sample needs a loop of its own: outside its edge, a dot covers nothing.
         let size = (last - first).next_multiple_of(BLOCK);
         samples.clear();
-        samples.resize((first + size).max(self.part.width() * self.fine), 0.0);
-        // Counted from the picture's edge, so that a part of a dot is the same in every region.
-        let start = (self.part.x0 * self.fine + first) as f32 + 0.5;
-        for row in y * self.fine..(y + 1) * self.fine {
+        samples.resize((first + size).max(self.part.width() * self.oversampling), 0.0);
+        // Counted from the picture's edge, so that a part of a dot has the same bits in every region.
+        let start = (self.part.x0 * self.oversampling + first) as f32 + 0.5;
+        for row in y * self.oversampling..(y + 1) * self.oversampling {
             let down = row as f32 + 0.5 - self.middle[1];
             for (block, samples) in samples[first..first + size].chunks_exact_mut(BLOCK).enumerate() {
                 for (i, sample) in samples.iter_mut().enumerate() {
-                    *sample += self.ink(start + (block * BLOCK + i) as f32 - self.middle[0], down);
+                    *sample += self.ink_at(start + (block * BLOCK + i) as f32 - self.middle[0], down);
                 }
             }
         }
-        if self.fine == 1 {
+        if self.oversampling == 1 {
             std::mem::swap(samples, cover);
             return;
         }
-        let share = 1.0 / (self.fine * self.fine) as f32;
+        let share = 1.0 / (self.oversampling * self.oversampling) as f32;
         cover.clear();
-        cover.extend(samples.chunks_exact(self.fine).take(self.part.width()).map(|s| s.iter().sum::<f32>() * share));
+        cover.extend(
+            samples.chunks_exact(self.oversampling).take(self.part.width()).map(|s| s.iter().sum::<f32>() * share),
+        );
     }
 
-    /// How much ink there is at a place counted from the middle, 0 to 1.
+    /// Returns how much ink there is at a place counted from the middle, 0 to 1.
     #[inline(always)]
-    fn ink(&self, right: f32, down: f32) -> f32 {
-        // Keeps the distance from being 0 / 0 in the middle.
+    fn ink_at(&self, right: f32, down: f32) -> f32 {
+        // Keeps the distance from becoming 0 / 0 in the middle.
         const TINY: f32 = 1e-9;
-        let [x, y] = [right * self.inverse[0], down * self.inverse[1]];
-        let [dx, dy] = [x * self.inverse[0], y * self.inverse[1]];
+        let [x, y] = [right * self.inverse_radius[0], down * self.inverse_radius[1]];
+        let [dx, dy] = [x * self.inverse_radius[0], y * self.inverse_radius[1]];
         let square = x * x + y * y;
-        let slope = dx * dx + dy * dy + TINY * self.inverse[0] * self.inverse[1];
+        let slope = dx * dx + dy * dy + TINY * self.inverse_radius[0] * self.inverse_radius[1];
         let distance = (1.0 - square.sqrt()) * ((square + TINY) / slope).sqrt();
         (distance * self.steepness).clamp(0.0, 1.0)
     }
 }
 
-/// Samples that are taken at a time.
+/// Samples that are computed at a time.
 const BLOCK: usize = 8;
 
-/// How far beyond the edge of a circle the ink has to end, so that with a ramp from there inwards it is as much as with
-/// a sharp edge. From a radius R inwards, that is pi ((R - ramp / 2)^2 + ramp^2 / 12), or a cone of pi R^3 / (3 ramp).
-fn spare(radius: f32, ramp: f32) -> f32 {
+/// Returns how far outside a circle's edge the ink has to end, so that a ramp from there inwards holds as much ink as a
+/// sharp edge.
+///
+/// If the ink ends at a radius R, that is pi ((R - ramp / 2)^2 + ramp^2 / 12), or a cone of pi R^3 / (3 ramp) where the
+/// ramp is wider than R.
+fn ramp_overhang(radius: f32, ramp: f32) -> f32 {
     let square = radius * radius;
     let outer = if 3.0 * square > ramp * ramp {
         libm::sqrtf(square - ramp * ramp / 12.0) + ramp / 2.0
@@ -161,25 +168,33 @@ fn spare(radius: f32, ramp: f32) -> f32 {
     outer - radius
 }
 
-/// Dots of a printed pattern on each side of the middle, along each axis, at most.
-const MOST: f64 = 1000.0;
+/// Largest number of dots of a printed pattern on each side of the middle, along each axis.
+const MAX_DOTS_PER_SIDE: f64 = 1000.0;
 
-/// Where a printed square pattern of dots is at rest: mm from the middle of the image, x right, y down. One dot is in
-/// the middle; the others, `pitch_mm` apart, cover `field_of_view_mm` and `margin_mm` around it. Each is moved by up to
-/// `jitter_mm` along x and along y, at random by `key` and the dot's column and row from the middle: a wider view has
-/// the same dots, and more. Without a pitch above 0 or a view there is none; beyond the 1000th on a side the pattern ends.
-pub fn grid(pitch_mm: f64, jitter_mm: f64, key: u64, field_of_view_mm: [f64; 2], margin_mm: f64) -> Vec<[f64; 2]> {
-    // Outside by less than the jitter, a dot may still come in.
+/// Places the dots of a printed square pattern at rest: mm from the middle of the image, x right, y down.
+///
+/// One dot is in the middle; the others, `pitch_mm` apart, cover `field_of_view_mm` and `margin_mm` around it. Each is
+/// moved by up to `jitter_mm` along x and along y, at random by `key` and by the dot's column and row from the middle:
+/// a wider view has the same dots, and more. There are no dots if `pitch_mm` is not above 0 or the view is empty. The
+/// pattern ends with the 1000th dot on a side.
+pub fn place_dot_grid(
+    pitch_mm: f64,
+    jitter_mm: f64,
+    key: u64,
+    field_of_view_mm: [f64; 2],
+    margin_mm: f64,
+) -> Vec<[f64; 2]> {
+    // A dot that is outside by less than the jitter may be moved in.
     let count = field_of_view_mm.map(|mm| (mm / 2.0 + margin_mm + jitter_mm.abs()) / pitch_mm);
     let printable = pitch_mm > 0.0 && pitch_mm.is_finite() && jitter_mm.is_finite();
     if !printable || !count.iter().all(|count| *count >= 0.0) {
         return Vec::new();
     }
-    let [columns, rows] = count.map(|count| count.min(MOST) as i32);
+    let [columns, rows] = count.map(|count| count.min(MAX_DOTS_PER_SIDE) as i32);
     let mut dots = Vec::new();
     for row in -rows..=rows {
         for column in -columns..=columns {
-            let bits = mix(mix(key) ^ ((u64::from(column as u32) << 32) | u64::from(row as u32)));
+            let bits = splitmix64(splitmix64(key) ^ ((u64::from(column as u32) << 32) | u64::from(row as u32)));
             let [right, down] =
                 [bits >> 32, bits & 0xffff_ffff].map(|bits| bits as f64 / f64::from(u32::MAX) * 2.0 - 1.0);
             dots.push([f64::from(column) * pitch_mm + right * jitter_mm, f64::from(row) * pitch_mm + down * jitter_mm]);
@@ -201,13 +216,13 @@ mod tests {
 
     /// Numbers from 0 to 1 that look random.
     fn unit(number: u64) -> f32 {
-        (mix(number) >> 40) as f32 / (1 << 24) as f32
+        (splitmix64(number) >> 40) as f32 / (1 << 24) as f32
     }
 
     /// What a black dot covers of the pixels of a picture.
     fn covered(dot: Dot, edge_px: f32, region: Rect) -> Vec<f32> {
         let mut planes = white(region);
-        draw(&[dot], [0.0; 3], edge_px, &mut planes, region);
+        draw_dots(&[dot], [0.0; 3], edge_px, &mut planes, region);
         planes[0].iter().map(|light| 1.0 - light).collect()
     }
 
@@ -275,11 +290,11 @@ mod tests {
             .collect();
         let color = [0.2, 0.5, 0.9];
         let mut all = white(whole);
-        draw(&dots, color, 0.7, &mut all, whole);
+        draw_dots(&dots, color, 0.7, &mut all, whole);
         assert!(all[0].iter().any(|light| *light < 0.05) && all[0].contains(&1.0));
         for part in [Rect { x0: 13, y0: 7, x1: 61, y1: 44 }, Rect { x0: 89, y0: 0, x1: 90, y1: 60 }, whole] {
             let mut planes = white(part);
-            scalar_only(|| draw(&dots, color, 0.7, &mut planes, part));
+            scalar_only(|| draw_dots(&dots, color, 0.7, &mut planes, part));
             for (all, plane) in all.iter().zip(&planes) {
                 let all = Grid { width: 90, height: 60, data: all.clone() };
                 assert_eq!(&all.crop(part).data, plane);
@@ -292,7 +307,7 @@ mod tests {
         let region = Rect::whole(9, 9);
         let dot = Dot { at_px: [4.5, 4.5], radius_px: [3.0, 3.0] };
         let mut planes = white(region).map(|plane| plane.iter().map(|light| light * 0.8).collect());
-        draw(&[dot, dot], [1.0, 0.5, 0.1], 0.0, &mut planes, region);
+        draw_dots(&[dot, dot], [1.0, 0.5, 0.1], 0.0, &mut planes, region);
         assert!(planes[0].iter().all(|light| *light == 0.8));
         assert!((planes[1][40] - 0.2).abs() < 1e-6 && (planes[2][40] - 0.008).abs() < 1e-6);
         assert_eq!([planes[1][0], planes[2][8]], [0.8, 0.8]);
@@ -320,7 +335,7 @@ mod tests {
 
     #[test]
     fn a_printed_grid_is_symmetric_and_covers_the_view_and_its_margin() {
-        let dots = grid(1.5, 0.0, 1, [20.0, 15.0], 2.0);
+        let dots = place_dot_grid(1.5, 0.0, 1, [20.0, 15.0], 2.0);
         // 12 / 1.5 and 9.5 / 1.5 on each side.
         assert_eq!(dots.len(), 17 * 13);
         assert!(dots.iter().all(|[x, y]| dots.contains(&[-x, -y]) && dots.contains(&[-x, *y])));
@@ -330,9 +345,10 @@ mod tests {
     #[test]
     fn a_wider_view_keeps_the_dots_and_another_key_moves_them() {
         let jitter = 0.2;
-        let (few, many) = (grid(1.0, jitter, 7, [6.0, 4.0], 0.5), grid(1.0, jitter, 7, [16.0, 9.0], 1.0));
+        let (few, many) =
+            (place_dot_grid(1.0, jitter, 7, [6.0, 4.0], 0.5), place_dot_grid(1.0, jitter, 7, [16.0, 9.0], 1.0));
         assert!(few.len() < many.len() && few.iter().all(|dot| many.contains(dot)));
-        assert!(grid(1.0, jitter, 8, [6.0, 4.0], 0.5).iter().all(|dot| !many.contains(dot)));
+        assert!(place_dot_grid(1.0, jitter, 8, [6.0, 4.0], 0.5).iter().all(|dot| !many.contains(dot)));
         let moves: Vec<f64> = many.iter().flatten().map(|mm| mm - mm.round()).collect();
         assert!(moves.iter().all(|mm| mm.abs() <= jitter));
         let count = moves.len() as f64;
@@ -345,10 +361,13 @@ mod tests {
     #[test]
     fn no_numbers_make_a_grid_without_end() {
         for pitch in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(grid(pitch, 0.1, 0, [10.0, 10.0], 1.0).is_empty());
+            assert!(place_dot_grid(pitch, 0.1, 0, [10.0, 10.0], 1.0).is_empty());
         }
-        assert!(grid(1.0, f64::NAN, 0, [10.0; 2], 1.0).is_empty() && grid(1.0, 0.0, 0, [-5.0, 3.0], 1.0).is_empty());
-        assert_eq!(grid(1e-300, 0.0, 0, [1.0, 0.0], 0.0).len(), 2001);
-        assert!(grid(1.0, 1.0, u64::MAX, [0.0; 2], f64::INFINITY).iter().flatten().all(|mm| mm.is_finite()));
+        assert!(
+            place_dot_grid(1.0, f64::NAN, 0, [10.0; 2], 1.0).is_empty()
+                && place_dot_grid(1.0, 0.0, 0, [-5.0, 3.0], 1.0).is_empty()
+        );
+        assert_eq!(place_dot_grid(1e-300, 0.0, 0, [1.0, 0.0], 0.0).len(), 2001);
+        assert!(place_dot_grid(1.0, 1.0, u64::MAX, [0.0; 2], f64::INFINITY).iter().flatten().all(|mm| mm.is_finite()));
     }
 }

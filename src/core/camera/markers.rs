@@ -1,25 +1,25 @@
 //! Markers: dots printed on the pad, which show how its surface moves in its own plane.
 //!
-//! At rest they lie on a square grid, each a little beside its place as prints are. A press carries them along with the
-//! surface ([`crate::gelpad::elastic::inplane`]); each stays round, since the surface strains little over a dot.
+//! At rest they lie on a square grid, each a little off its place, as prints are. A press carries them along with the
+//! surface ([`crate::gelpad::elastic::in_plane`]). Each stays round, since the surface strains little over a dot.
 
 use super::CameraParams;
 use super::dots::{self, Dot};
 use super::lens::Lens;
 use crate::base::grid::Rect;
 use crate::base::view::View;
-use crate::gelpad::elastic::inplane::Field;
+use crate::gelpad::elastic::in_plane::DisplacementField;
 
 /// How markers are printed: their ink, the same in every press.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerPrint {
-    /// Red, green and blue share of the light that the ink lets through, 0 to 1.
+    /// Fraction of red, green and blue light that the ink lets through, 0 to 1.
     pub color: [f64; 3],
     /// Width of the dots' soft edge, mm.
     pub edge_mm: f64,
 }
 
-/// The grid on which they are printed.
+/// The grid on which markers are printed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MarkerPattern {
     /// Distance between neighbours, mm, along x and y.
@@ -31,19 +31,24 @@ pub struct MarkerPattern {
 }
 
 impl MarkerPrint {
-    /// The dots of a pattern that the camera may see, on the untouched pad.
+    /// Places the dots of a pattern that the camera may see, on the untouched pad.
     pub fn at_rest(&self, pattern: &MarkerPattern, view: &View) -> MarkerPositions {
-        self.positions(pattern, None, view)
+        self.carried_positions(pattern, None, view)
     }
 
-    /// The same, carried along by the pad.
-    pub(crate) fn positions(&self, pattern: &MarkerPattern, moved_by: Option<&Field>, view: &View) -> MarkerPositions {
+    /// Places the dots of a pattern that the camera may see, carried along by `moved_by`.
+    pub(crate) fn carried_positions(
+        &self,
+        pattern: &MarkerPattern,
+        moved_by: Option<&DisplacementField>,
+        view: &View,
+    ) -> MarkerPositions {
         let field_of_view_mm: [f64; 2] = std::array::from_fn(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
-        // As far as any dot moves, and its own size.
-        let margin_mm = MOTION_MM + pattern.diameter_mm;
-        // The same print in every sample.
+        // A dot from outside the view may move in, and reaches further by its own size.
+        let margin_mm = FOLLOWED_MARGIN_MM + pattern.diameter_mm;
+        // One key for all samples: the print is the same in each.
         const KEY: u64 = 0;
-        let rest_mm = dots::grid(pattern.pitch_mm, pattern.jitter_mm, KEY, field_of_view_mm, margin_mm);
+        let rest_mm = dots::place_dot_grid(pattern.pitch_mm, pattern.jitter_mm, KEY, field_of_view_mm, margin_mm);
         let moved = |mm: &[f64; 2]| {
             let by = moved_by.map_or([0.0; 2], |field| field.at(*mm));
             view.point_px([mm[0] + f64::from(by[0]), mm[1] + f64::from(by[1])])
@@ -58,8 +63,8 @@ impl MarkerPrint {
     }
 }
 
-/// How far beyond the view dots are followed, mm.
-const MOTION_MM: f64 = 1.0;
+/// How far outside the view dots are followed, mm.
+const FOLLOWED_MARGIN_MM: f64 = 1.0;
 
 /// The markers of one press.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,35 +72,35 @@ pub struct MarkerPositions {
     color: [f32; 3],
     edge_mm: f64,
     radius_mm: f64,
-    /// Where they were printed, in the view before any lens.
+    /// Where they were printed, px of the view before any lens.
     rest_px: Vec<[f64; 2]>,
-    /// Where the pad carried them, in the same order.
+    /// Where the pad carried them, px, in the same order.
     moved_px: Vec<[f64; 2]>,
 }
 
 impl MarkerPositions {
-    /// The same where nothing carried them.
+    /// Returns the markers where they were printed.
     pub(crate) fn at_rest(&self) -> Self {
         Self { moved_px: self.rest_px.clone(), ..self.clone() }
     }
 
-    /// Where the dots that rest or lie in view are in the image, at rest and moved, px: the first pixel's centre is at
-    /// (0.5, 0.5).
+    /// Iterates over the dots that the image shows at rest or moved, and returns both places in the image, px: the
+    /// first pixel's centre is at (0.5, 0.5).
     pub fn in_view<'a>(
         &'a self,
         lens: Option<&'a Lens>,
         size: [usize; 2],
     ) -> impl Iterator<Item = ([f64; 2], [f64; 2])> + 'a {
-        let place = move |px: &[f64; 2]| lens.map_or(*px, |lens| lens.image(*px));
+        let place = move |px: &[f64; 2]| lens.map_or(*px, |lens| lens.distort_point(*px));
         let inside = move |px: &[f64; 2]| (0..2).all(|k| (0.0..=size[k] as f64).contains(&px[k]));
         let pairs = self.rest_px.iter().zip(&self.moved_px).map(move |(rest, moved)| (place(rest), place(moved)));
         pairs.filter(move |(rest, moved)| inside(rest) || inside(moved))
     }
 
-    /// The dots as a camera sees them: a lens shifts and scales them.
-    pub(super) fn dots(&self, camera: &CameraParams, view: &View) -> Vec<Dot> {
+    /// Returns the dots as a camera sees them: a lens shifts and scales them.
+    pub(super) fn project_dots(&self, camera: &CameraParams, view: &View) -> Vec<Dot> {
         let lens = camera.lens(view);
-        let radius_px = view.mm_per_px.map(|pitch| self.radius_mm / pitch);
+        let radius_px = view.mm_per_px.map(|pixel_mm| self.radius_mm / pixel_mm);
         let dot = |px: &[f64; 2]| {
             let Some(lens) = &lens else {
                 return Dot { at_px: px.map(|px| px as f32), radius_px: radius_px.map(|px| px as f32) };
@@ -103,16 +108,17 @@ impl MarkerPositions {
             let edge = |k: usize, side: f64| {
                 let mut at = *px;
                 at[k] += side * radius_px[k];
-                lens.image(at)[k]
+                lens.distort_point(at)[k]
             };
             let radius_px = std::array::from_fn(|k| (0.5 * (edge(k, 1.0) - edge(k, -1.0))) as f32);
-            Dot { at_px: lens.image(*px).map(|px| px as f32), radius_px }
+            Dot { at_px: lens.distort_point(*px).map(|px| px as f32), radius_px }
         };
         self.moved_px.iter().map(dot).collect()
     }
 
-    /// Draws dots on the light of a part of the view. Defocus widens their edge: a ramp of width e has the standard
-    /// deviation e / sqrt(12), and variances add up.
+    /// Draws dots on the light of a part of the view.
+    ///
+    /// Defocus widens their edge: a ramp of width e has the standard deviation e / sqrt(12), and variances add up.
     pub(super) fn draw(
         &self,
         dots: &[Dot],
@@ -123,6 +129,6 @@ impl MarkerPositions {
     ) {
         let edge_mm = libm::sqrt(self.edge_mm * self.edge_mm + 12.0 * camera.defocus_mm * camera.defocus_mm);
         let edge_px = (edge_mm / view.mm_per_px[0].max(view.mm_per_px[1])) as f32;
-        dots::draw(dots, self.color, edge_px, planes, part);
+        dots::draw_dots(dots, self.color, edge_px, planes, part);
     }
 }

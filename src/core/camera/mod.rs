@@ -1,8 +1,8 @@
 //! From light to image: what the camera makes of the light that the pad sends to it.
 //!
 //! Lens and vignette are linear, so they act on what the press changed in the light, and the result is added to the
-//! picture of the untouched pad. A photograph of that pad already went through its camera's lens and stays as it is;
-//! a rendered one goes through the same lens as everything else. Dots are drawn where the lens shows them; exposure,
+//! picture of the untouched pad. A photograph of that pad already went through its camera's lens and stays as it is; a
+//! rendered picture goes through the same lens as everything else. Dots are drawn where the lens shows them. Exposure,
 //! white balance and noise act on the sum.
 
 use std::sync::Arc;
@@ -31,61 +31,71 @@ use markers::MarkerPositions;
 pub use params::CameraParams;
 
 /// Rows that are shaded at a time.
-const ROWS: usize = 16;
+const ROWS_PER_BAND: usize = 16;
 
 /// Red, green and blue, row-major.
 type Planes = [Vec<f32>; 3];
 
-/// A camera made ready for one sensor: what it sees of the untouched pad.
+/// A camera prepared for one sensor: what it sees of the untouched pad.
 pub struct Camera {
     view: View,
-    /// The picture of the untouched pad is a photograph.
-    photograph: bool,
-    resting: CameraParams,
-    /// The dots of a pad whose print is the same in every sample, as the resting camera sees them.
-    print: Option<Vec<Dot>>,
-    /// Light of the untouched pad.
-    bare: Arc<Planes>,
-    /// The same as the resting camera sees it.
-    seen: Arc<Planes>,
-    /// The same with the print, if there is any.
-    marked: Option<Planes>,
-    /// The same as an image.
+    /// True if the picture of the untouched pad is a photograph.
+    is_photograph: bool,
+    /// Parameters with which the image of the untouched pad is taken.
+    rest_params: CameraParams,
+    /// The dots of a print that is the same in every sample, as the camera sees them on the untouched pad.
+    printed_dots: Option<Vec<Dot>>,
+    /// Light of the untouched pad, before the lens.
+    scene_light: Arc<Planes>,
+    /// Light of the untouched pad behind the lens.
+    sensor_light: Arc<Planes>,
+    /// Light of the untouched pad behind the lens, with the print; `None` if there is no print.
+    marked_light: Option<Planes>,
+    /// Image of the untouched pad.
     pub untouched: Image,
 }
 
 impl Camera {
-    /// Of a pad with this light; `photograph` if that is a picture taken by the camera itself.
+    /// Prepares a camera over a pad with this light. `is_photograph` says that the light is a picture by that camera.
     pub fn new(
         view: &View,
         light: Light,
-        photograph: bool,
-        resting: CameraParams,
+        is_photograph: bool,
+        rest_params: CameraParams,
         print: Option<MarkerPositions>,
     ) -> Self {
         let [width, height] = view.resolution_px;
         let whole = Rect::whole(width, height);
-        let bare = Arc::new(light.planes);
-        let seen = match photograph || resting.same_optics(&CameraParams::default()) {
-            true => Arc::clone(&bare),
-            false => Arc::new(resting.through(&bare, view)),
+        let scene_light = Arc::new(light.planes);
+        let sensor_light = match is_photograph || rest_params.has_same_optics(&CameraParams::default()) {
+            true => Arc::clone(&scene_light),
+            false => Arc::new(rest_params.apply_optics(&scene_light, view)),
         };
-        let dots = print.as_ref().map(|markers| markers.dots(&resting, view));
-        let marked = print.as_ref().zip(dots.as_ref()).map(|(markers, dots)| {
-            let mut marked = Planes::clone(&seen);
-            markers.draw(dots, &resting, view, &mut marked, whole);
-            marked
+        let dots = print.as_ref().map(|markers| markers.project_dots(&rest_params, view));
+        let marked_light = print.as_ref().zip(dots.as_ref()).map(|(markers, dots)| {
+            let mut marked_light = Planes::clone(&sensor_light);
+            markers.draw(dots, &rest_params, view, &mut marked_light, whole);
+            marked_light
         });
-        let mut bright = marked.as_ref().unwrap_or(&seen).clone();
-        scale(resting.gains, &mut bright);
+        let mut bright = marked_light.as_ref().unwrap_or(&sensor_light).clone();
+        apply_gains(rest_params.gains, &mut bright);
         let mut untouched = Image::black(width, height);
         untouched.quantise(&Light { region: whole, planes: bright });
-        untouched.binarise(resting.threshold);
-        Self { view: *view, photograph, resting, print: dots, bare, seen, marked, untouched }
+        untouched.binarise(rest_params.threshold);
+        Self {
+            view: *view,
+            is_photograph,
+            rest_params,
+            printed_dots: dots,
+            scene_light,
+            sensor_light,
+            marked_light,
+            untouched,
+        }
     }
 
-    /// The image of a pad whose light differs from that of the untouched one in `light`, which is `touched` where that
-    /// mask is not 0; without a mask it is not.
+    /// Takes the image of a pad whose light differs from the untouched pad's in `light`. The object touches the pad
+    /// where `touched` is not 0; without that mask, nowhere.
     pub fn expose(
         &self,
         light: LazyLight<'_>,
@@ -94,12 +104,12 @@ impl Camera {
         camera: &CameraParams,
         effects: &mut EffectLog,
     ) -> Image {
-        let light = self.see(light, camera, effects);
-        let mut light = self.print(light, markers, camera, effects);
+        let light = self.apply_optics(light, camera, effects);
+        let mut light = self.print_markers(light, markers, camera, effects);
         let (noise, speckle) = (camera.noise(), camera.speckle());
 
-        let jitters = camera.gains != self.resting.gains;
-        // Many at a time: most presses touch little of the view.
+        let jitters = camera.gains != self.rest_params.gains;
+        // In chunks without a branch for each pixel: most presses touch little of the view.
         let any = |mask: &Grid<u8>| mask.data.chunks(64).any(|some| some.iter().fold(0, |any, value| any | value) != 0);
         let touched = touched.filter(|mask| any(mask));
         let need = match speckle {
@@ -109,8 +119,10 @@ impl Camera {
         };
         let speckle = if effects.enable(Effect::Speckle, need) { speckle } else { None };
         if jitters || noise.is_some() || speckle.is_some() {
-            // What differs from sample to sample, differs everywhere.
-            light = self.spread(shaded(light, effects), self.marked.as_ref().unwrap_or(&self.seen)).into();
+            // What differs from sample to sample differs on every pixel.
+            light = self
+                .expand_to_view(resolve_light(light, effects), self.marked_light.as_ref().unwrap_or(&self.sensor_light))
+                .into();
         }
         let need = match (jitters, camera.gains == [1.0; 3]) {
             (false, true) => Requirement::Unneeded("all gains are 1"),
@@ -119,13 +131,13 @@ impl Camera {
         };
         let width = self.view.resolution_px[0];
         if let Some((speckle, touched)) = speckle.zip(touched) {
-            light = changed(light, Effect::Speckle, effects, |planes| match camera.lens(&self.view) {
-                Some(lens) => speckle.add(width, planes, Some(&lens.warp_mask(touched).data)),
-                None => speckle.add(width, planes, Some(&touched.data)),
+            light = apply_effect(light, Effect::Speckle, effects, |planes| match camera.lens(&self.view) {
+                Some(lens) => speckle.add_to_planes(width, planes, Some(&lens.warp_mask(touched).data)),
+                None => speckle.add_to_planes(width, planes, Some(&touched.data)),
             });
         }
         if effects.enable(Effect::Exposure, need) {
-            light = changed(light, Effect::Exposure, effects, |planes| scale(camera.gains, planes));
+            light = apply_effect(light, Effect::Exposure, effects, |planes| apply_gains(camera.gains, planes));
         }
         let need = match noise {
             Some(_) => Requirement::Needed("every pixel is noisy"),
@@ -134,20 +146,21 @@ impl Camera {
         if effects.enable(Effect::Noise, need)
             && let Some(noise) = noise
         {
-            light = changed(light, Effect::Noise, effects, |planes| noise.add(width, planes, None));
+            light = apply_effect(light, Effect::Noise, effects, |planes| noise.add_to_planes(width, planes, None));
         }
 
         let mut image = self.untouched.clone();
         if image.clipped_px > 0 {
-            image.clipped_px -= self.clipped_in(light.region());
+            image.clipped_px -= self.count_clipped_pixels(light.region());
         }
         match light {
             LazyLight::Known(light) => image.quantise(&light),
-            // Nothing looks at light beside its own: some rows are bytes before the next ones are shaded.
+            // No effect is left that needs the light of other pixels: a band of rows becomes bytes before the next one
+            // is shaded.
             LazyLight::Pending(region, shade) => {
-                for y0 in (region.y0..region.y1).step_by(ROWS) {
-                    let rows = Rect { y0, y1: (y0 + ROWS).min(region.y1), ..region };
-                    let light = effects.timed(Effect::Shading, || shade(rows));
+                for y0 in (region.y0..region.y1).step_by(ROWS_PER_BAND) {
+                    let rows = Rect { y0, y1: (y0 + ROWS_PER_BAND).min(region.y1), ..region };
+                    let light = effects.run_timed(Effect::Shading, || shade(rows));
                     image.quantise(&light);
                 }
             }
@@ -156,10 +169,10 @@ impl Camera {
         image
     }
 
-    /// Pixels of a part that are cut in the picture of the untouched pad.
-    fn clipped_in(&self, part: Rect) -> u64 {
-        let (width, planes) = (self.view.resolution_px[0], self.marked.as_ref().unwrap_or(&self.seen));
-        let gains = self.resting.gains.map(|gain| gain as f32);
+    /// Counts the pixels of a part that are clipped in the picture of the untouched pad.
+    fn count_clipped_pixels(&self, part: Rect) -> u64 {
+        let (width, planes) = (self.view.resolution_px[0], self.marked_light.as_ref().unwrap_or(&self.sensor_light));
+        let gains = self.rest_params.gains.map(|gain| gain as f32);
         let is_cut = |at: &usize| {
             let [red, green, blue] = [0, 1, 2].map(|channel| planes[channel][*at] * gains[channel]);
             red.min(green).min(blue) < 0.0 || red.max(green).max(blue) > 1.0
@@ -168,9 +181,10 @@ impl Camera {
         places.filter(is_cut).count() as u64
     }
 
-    /// What lens and vignette make of the light.
-    fn see<'a>(&self, light: LazyLight<'a>, camera: &CameraParams, effects: &mut EffectLog) -> LazyLight<'a> {
-        let own_optics = !self.photograph && !camera.same_optics(&self.resting);
+    /// Applies lens and vignette to the light.
+    fn apply_optics<'a>(&self, light: LazyLight<'a>, camera: &CameraParams, effects: &mut EffectLog) -> LazyLight<'a> {
+        // A photograph already went through its own lens; only a rendered picture shows the lens of this press.
+        let own_optics = !self.is_photograph && !camera.has_same_optics(&self.rest_params);
         let unchanged = light.region().is_empty() && !own_optics;
         let need = |has_any| match has_any {
             false => Requirement::Absent("the camera has none"),
@@ -186,54 +200,55 @@ impl Camera {
 
         // Only what the press changed goes through the lens.
         let [width, height] = self.view.resolution_px;
-        let mut change = shaded(light, effects);
-        self.add(&mut change, &self.bare, -1.0);
+        let mut change = resolve_light(light, effects);
+        self.add_scaled(&mut change, &self.scene_light, -1.0);
         if blurs {
-            change = effects.timed(Effect::Defocus, || {
-                let Light { region: there, planes } = self.beyond(change, [0.0; 2]);
-                let sigma_px = camera.blur_px(&self.view);
-                if there == self.whole() {
-                    return Light { region: there, planes: defocus::blur_whole(&planes, width, height, sigma_px) };
+            change = effects.run_timed(Effect::Defocus, || {
+                let Light { region: source, planes } = self.expand_near_border(change, [0.0; 2]);
+                let sigma_px = camera.blur_sigma_px(&self.view);
+                if source == self.view_rect() {
+                    return Light { region: source, planes: defocus::blur_whole(&planes, width, height, sigma_px) };
                 }
-                let here = there.grown(defocus::reach_px(sigma_px), width, height);
-                Light { region: here, planes: defocus::blur(&planes, there, here, sigma_px) }
+                let target = source.grown(defocus::reach_px(sigma_px), width, height);
+                Light { region: target, planes: defocus::blur_region(&planes, source, target, sigma_px) }
             });
         }
         if let Some(lens) = camera.lens(&self.view) {
-            change = effects.timed(Effect::Distortion, || {
-                let Light { region: there, planes } = self.beyond(change, lens.mirrored_px());
-                if there == self.whole() {
-                    return Light { region: there, planes: lens.warp_whole(&planes) };
+            change = effects.run_timed(Effect::Distortion, || {
+                let Light { region: source, planes } = self.expand_near_border(change, lens.mirrored_border_px());
+                if source == self.view_rect() {
+                    return Light { region: source, planes: lens.warp_whole(&planes) };
                 }
-                let here = lens.image_of(there);
-                Light { region: here, planes: lens.warp(&planes, there, here) }
+                let target = lens.image_rect_of(source);
+                Light { region: target, planes: lens.warp_region(&planes, source, target) }
             });
         }
         if darkens {
-            effects.timed(Effect::Vignette, || {
-                vignette::darken(&mut change.planes, change.region, &self.view, camera.vignette);
+            effects.run_timed(Effect::Vignette, || {
+                vignette::darken_corners(&mut change.planes, change.region, &self.view, camera.vignette);
             });
         }
         if own_optics {
-            change = self.spread(change, &self.dark());
-            self.add(&mut change, &camera.through(&self.bare, &self.view), 1.0);
+            change = self.expand_to_view(change, &self.dark_planes());
+            self.add_scaled(&mut change, &camera.apply_optics(&self.scene_light, &self.view), 1.0);
         } else {
-            self.add(&mut change, &self.seen, 1.0);
+            self.add_scaled(&mut change, &self.sensor_light, 1.0);
         }
         change.into()
     }
 
-    /// Prints the dots where the camera sees them, on the light that the press changed.
-    fn print<'a>(
+    /// Prints the dots where the camera sees them, onto the light that the press changed.
+    fn print_markers<'a>(
         &self,
         light: LazyLight<'a>,
         markers: Option<&MarkerPositions>,
         camera: &CameraParams,
         effects: &mut EffectLog,
     ) -> LazyLight<'a> {
-        let dots = markers.map(|markers| effects.timed(Effect::Markers, || markers.dots(camera, &self.view)));
-        // Defocus softens the dots of a photograph, too.
-        let as_printed = dots == self.print && camera.defocus_mm == self.resting.defocus_mm;
+        let dots =
+            markers.map(|markers| effects.run_timed(Effect::Markers, || markers.project_dots(camera, &self.view)));
+        // Defocus softens dots even over a photograph.
+        let as_printed = dots == self.printed_dots && camera.defocus_mm == self.rest_params.defocus_mm;
         let need = match markers {
             None => Requirement::Absent("the pad has none"),
             Some(_) if !as_printed => Requirement::Needed("they look otherwise than on the untouched pad"),
@@ -242,36 +257,36 @@ impl Camera {
         };
         let runs = effects.enable(Effect::Markers, need);
         let Some((markers, dots)) = markers.zip(dots).filter(|_| runs) else { return light };
-        let light = shaded(light, effects);
-        effects.timed(Effect::Markers, || {
-            let mut light = if as_printed { light } else { self.spread(light, &self.seen) };
+        let light = resolve_light(light, effects);
+        effects.run_timed(Effect::Markers, || {
+            let mut light = if as_printed { light } else { self.expand_to_view(light, &self.sensor_light) };
             markers.draw(&dots, camera, &self.view, &mut light.planes, light.region);
             light.into()
         })
     }
 
-    fn whole(&self) -> Rect {
+    fn view_rect(&self) -> Rect {
         let [width, height] = self.view.resolution_px;
         Rect::whole(width, height)
     }
 
-    /// The whole picture of a change that goes on beyond the border: one that comes as close to it as `within_px`, along x
-    /// and y. Others stay as they are.
-    fn beyond(&self, change: Light, within_px: [f64; 2]) -> Light {
+    /// Expands a change to the entire picture if it comes as close to the border as `within_px` along x and y: it then
+    /// goes on outside the border. Others stay as they are.
+    fn expand_near_border(&self, change: Light, within_px: [f64; 2]) -> Light {
         let Rect { x0, y0, x1, y1 } = change.region;
         let [width, height] = self.view.resolution_px;
         let nearest_px = [x0.min(width - x1), y0.min(height - y1)].map(|px| px as f64);
         let near = nearest_px.iter().zip(within_px).any(|(nearest, within)| *nearest <= within);
-        if near && !change.region.is_empty() { self.spread(change, &self.dark()) } else { change }
+        if near && !change.region.is_empty() { self.expand_to_view(change, &self.dark_planes()) } else { change }
     }
 
-    fn dark(&self) -> Planes {
-        [(); 3].map(|()| vec![0.0; self.whole().area()])
+    fn dark_planes(&self) -> Planes {
+        [(); 3].map(|()| vec![0.0; self.view_rect().area()])
     }
 
-    /// The whole picture: `light` where it is known, `around` elsewhere.
-    fn spread(&self, light: Light, around: &Planes) -> Light {
-        let (whole, part) = (self.whole(), light.region);
+    /// Expands light to the entire picture: `light` in its region, `around` elsewhere.
+    fn expand_to_view(&self, light: Light, around: &Planes) -> Light {
+        let (whole, part) = (self.view_rect(), light.region);
         if part == whole {
             return light;
         }
@@ -285,8 +300,8 @@ impl Camera {
         Light { region: whole, planes }
     }
 
-    /// Adds `sign` times a whole picture to the light.
-    fn add(&self, light: &mut Light, picture: &Planes, sign: f32) {
+    /// Adds `sign` times an entire picture to the light.
+    fn add_scaled(&self, light: &mut Light, picture: &Planes, sign: f32) {
         let part = light.region;
         simd_dispatch(
             #[inline(always)]
@@ -305,28 +320,28 @@ impl Camera {
     }
 }
 
-/// All of the light, for what looks at more of it than a pixel's own.
-fn shaded(light: LazyLight<'_>, effects: &mut EffectLog) -> Light {
+/// Computes all of the light, for an effect that needs more than each pixel's own.
+fn resolve_light(light: LazyLight<'_>, effects: &mut EffectLog) -> Light {
     match light {
         LazyLight::Known(light) => light,
-        pending => effects.timed(Effect::Shading, || pending.whole()),
+        pending => effects.run_timed(Effect::Shading, || pending.into_light()),
     }
 }
 
-/// The light after work on all of it that counts as `effect`'s.
-fn changed<'a>(
+/// Does work on all of the light, and counts its time as `effect`'s.
+fn apply_effect<'a>(
     light: LazyLight<'a>,
     effect: Effect,
     effects: &mut EffectLog,
     work: impl FnOnce(&mut Planes),
 ) -> LazyLight<'a> {
-    let mut light = shaded(light, effects);
-    effects.timed(effect, || work(&mut light.planes));
+    let mut light = resolve_light(light, effects);
+    effects.run_timed(effect, || work(&mut light.planes));
     light.into()
 }
 
 /// Multiplies each channel by its gain.
-fn scale(gains: [f64; 3], planes: &mut Planes) {
+fn apply_gains(gains: [f64; 3], planes: &mut Planes) {
     simd_dispatch(
         #[inline(always)]
         || {

@@ -1,35 +1,36 @@
 //! Noise of the camera: of reading a pixel, the same for all, and of counting light, larger where there is more.
 //!
-//! The variance of a value v is read^2 + shot^2 v (Janesick 2007, "Photon transfer"), its shape a normal curve, each
-//! value on its own, or correlated with its neighbours where demosaicing or compression smeared it. Valid while a pixel
-//! counts more than some ten photons. What a pixel gets is a pure function of key, channel, row and column: a counter
-//! is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly a normal curve, by the central limit),
-//! and a polynomial bends the sum the rest of the way.
+//! The variance of a value v is read^2 + shot^2 v (Janesick 2007, "Photon transfer"), and its distribution is normal.
+//! Values are independent, or correlated with their neighbours where demosaicing or compression smeared them. Valid
+//! while a pixel counts more than some ten photons. The noise of a pixel is a pure function of key, channel, row and
+//! column: a counter is mixed as in lowbias32 (Wellons 2018), its four bytes are added up (nearly a normal
+//! distribution, by the central limit), and a polynomial bends the sum the rest of the way.
 
 use crate::base::simd::simd_dispatch;
 
-/// What a camera adds to the light, as standard deviations, 1 = full scale.
+/// Noise that a camera adds to the light, as standard deviations, 1 = full scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Noise {
-    /// Of every value, however dark; 0 = none.
+    /// Standard deviation of every value, however dark; 0 = none.
     pub read: f32,
-    /// Of a value at full scale, by counting light; it grows with the root of the value, and is 0 below 0.
+    /// Standard deviation of a value at full scale, by counting light; it grows with the square root of the value, and
+    /// is 0 below 0.
     pub shot: f32,
-    /// Factors for red, green and blue.
+    /// Factors on the noise of red, green and blue.
     pub color: [f32; 3],
-    /// Correlation of neighbours along rows and columns, 0 to [`MOST_CORRELATION`].
+    /// Correlation of neighbours along rows and columns, 0 to [`MAX_CORRELATION`].
     pub correlation: f64,
-    /// Which noise: another key, another sample of it.
+    /// Key of the noise: another key gives other noise.
     pub key: u64,
 }
 
 /// Largest correlation of neighbours that three pixels in a row can give: 0.7, a little less than the root of a half.
-pub const MOST_CORRELATION: f64 = 0.7;
+pub const MAX_CORRELATION: f64 = 0.7;
 
 impl Noise {
-    /// Adds noise to whole pictures of `width` columns (at least 1), row-major red, green and blue; `where_mask` of a
-    /// mask of the same size, only where that is not 0.
-    pub fn add(&self, width: usize, planes: &mut [Vec<f32>; 3], where_mask: Option<&[u8]>) {
+    /// Adds noise to entire pictures of `width` columns (at least 1), row-major red, green and blue. With `where_mask`,
+    /// a mask of the same size, only where that is not 0.
+    pub fn add_to_planes(&self, width: usize, planes: &mut [Vec<f32>; 3], where_mask: Option<&[u8]>) {
         let width = width.max(1);
         simd_dispatch(
             #[inline(always)]
@@ -37,13 +38,13 @@ impl Noise {
                 for ((channel, plane), factor) in (0_u64..).zip(planes.iter_mut()).zip(self.color) {
                     let (read, shot) =
                         (factor * factor * self.read * self.read, factor * factor * self.shot * self.shot);
-                    let mut rows = Rows::new(self, channel, width);
+                    let mut rows = NoiseRows::new(self, channel, width);
                     for (row, values) in plane.chunks_mut(width).enumerate() {
                         let mask = where_mask.map(|mask| &mask[row * width..][..values.len()]);
                         if mask.is_some_and(|mask| mask.iter().all(|touched| *touched == 0)) {
                             continue;
                         }
-                        let noise = rows.row(row as u64);
+                        let noise = rows.noise_row(row as u64);
                         let add = |value: &mut f32, noise: f32| {
                             let light = if *value > 0.0 { *value } else { 0.0 };
                             *value += (read + shot * light).sqrt() * noise;
@@ -63,23 +64,23 @@ impl Noise {
     }
 }
 
-/// Rows of noise of variance 1 in one channel: white, or each value with a share of its neighbours, from which the
-/// correlation comes.
-struct Rows {
+/// Makes rows of noise of variance 1 in one channel: white, or correlated because each value has a share of its
+/// neighbours.
+struct NoiseRows {
     key: u64,
     channel: u64,
     /// Weight of each of the two neighbours against the value itself.
     neighbour: f32,
-    /// Three rows that were mixed along themselves, and which.
+    /// The last three rows after mixing along x, and which they are.
     mixed: [(Option<u64>, Vec<f32>); 3],
     white: Vec<f32>,
     row: Vec<f32>,
 }
 
-impl Rows {
+impl NoiseRows {
     fn new(noise: &Noise, channel: u64, width: usize) -> Self {
         // With weights w, 1, w neighbours correlate by 2 w / (1 + 2 w^2).
-        let correlation = noise.correlation.min(MOST_CORRELATION);
+        let correlation = noise.correlation.min(MAX_CORRELATION);
         let neighbour = match correlation > 0.0 {
             true => (1.0 - libm::sqrt(1.0 - 2.0 * correlation * correlation)) / (2.0 * correlation),
             false => 0.0,
@@ -94,81 +95,82 @@ impl Rows {
         }
     }
 
-    /// The noise of a row of the picture.
+    /// Returns the noise of a row of the picture.
     #[inline(always)]
-    fn row(&mut self, row: u64) -> &[f32] {
+    fn noise_row(&mut self, row: u64) -> &[f32] {
         let width = self.row.len();
         if self.neighbour == 0.0 {
-            white(&mut self.row, row_keys(self.key, self.channel, row));
+            fill_white_noise(&mut self.row, row_keys(self.key, self.channel, row));
             return &self.row;
         }
-        // Rows and columns of white noise begin one before the picture's.
+        // Rows and columns of white noise begin one before those of the picture.
         for wanted in row..row + 3 {
             let (at, mixed) = &mut self.mixed[(wanted % 3) as usize];
             if *at != Some(wanted) {
                 *at = Some(wanted);
                 self.white.resize(width + 2, 0.0);
-                white(&mut self.white, row_keys(self.key, self.channel, wanted));
+                fill_white_noise(&mut self.white, row_keys(self.key, self.channel, wanted));
                 mixed.resize(width, 0.0);
-                blend([&self.white, &self.white[1..], &self.white[2..]], self.neighbour, mixed);
+                blend_neighbours([&self.white, &self.white[1..], &self.white[2..]], self.neighbour, mixed);
             }
         }
         let [above, here, below] = [0, 1, 2].map(|k| &self.mixed[((row + k) % 3) as usize].1[..]);
-        blend([above, here, below], self.neighbour, &mut self.row);
+        blend_neighbours([above, here, below], self.neighbour, &mut self.row);
         &self.row
     }
 }
 
-/// The middle one of three with a share of both others, of variance 1 if theirs is.
+/// Adds a share of both neighbours to the middle one; the variance is 1 if theirs is.
 #[inline(always)]
-fn blend([before, here, after]: [&[f32]; 3], neighbour: f32, out: &mut [f32]) {
+fn blend_neighbours([before, here, after]: [&[f32]; 3], neighbour: f32, out: &mut [f32]) {
     let scale = 1.0 / (1.0 + 2.0 * neighbour * neighbour).sqrt();
     for (((out, before), here), after) in out.iter_mut().zip(before).zip(here).zip(after) {
         *out = (here + neighbour * (before + after)) * scale;
     }
 }
 
-/// White noise of one row.
+/// Fills a row with white noise.
 #[inline(always)]
-fn white(values: &mut [f32], keys: [u32; 2]) {
+fn fill_white_noise(values: &mut [f32], keys: [u32; 2]) {
     for (column, value) in (0_u32..).zip(values) {
-        *value = normal(mixed(column, keys));
+        *value = normal_from_bits(hash_column(column, keys));
     }
 }
 
-/// Two keys of a row. Rows share one of them now and then, but not both: else they would share all their noise.
+/// Returns two keys of a row. Two rows share one of them now and then, but not both: they would share all their noise.
 fn row_keys(key: u64, channel: u64, row: u64) -> [u32; 2] {
-    let keys = mix(mix(key).wrapping_add((channel << 48) | row));
+    let keys = splitmix64(splitmix64(key).wrapping_add((channel << 48) | row));
     [keys as u32, (keys >> 32) as u32]
 }
 
-/// 64 bits that look random, another number for each number (the finaliser of SplitMix64; Steele, Lea, Flood 2014).
-pub(super) fn mix(number: u64) -> u64 {
+/// Returns 64 bits that look random, another number for each number (the finaliser of SplitMix64; Steele, Lea, Flood
+/// 2014).
+pub(super) fn splitmix64(number: u64) -> u64 {
     let mut bits = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
     bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     bits ^ (bits >> 31)
 }
 
-/// 32 bits of a column that look random.
+/// Returns 32 bits of a column that look random.
 #[inline(always)]
-fn mixed(column: u32, keys: [u32; 2]) -> u32 {
+fn hash_column(column: u32, keys: [u32; 2]) -> u32 {
     let mut bits = column.wrapping_add(keys[0]);
     bits = (bits ^ (bits >> 16)).wrapping_mul(0x7feb_352d) ^ keys[1];
     bits = (bits ^ (bits >> 15)).wrapping_mul(0x846c_a68b);
     bits ^ (bits >> 16)
 }
 
-/// The sum of four bytes is 0 to twice this.
-const MIDDLE: i32 = 510;
+/// Mean of the sum of four bytes; the sum is 0 to twice this.
+const BYTE_SUM_MEAN: i32 = 510;
 
-/// A number of the normal curve (mean 0, variance 1) from 32 random bits: one of 1021 levels, 1/150 apart in the middle,
-/// up to +-5.17.
+/// Makes a standard normal number (mean 0, variance 1) of 32 random bits: one of 1021 levels, 1/150 apart in the
+/// middle, up to +-5.17.
 #[inline(always)]
-fn normal(bits: u32) -> f32 {
+fn normal_from_bits(bits: u32) -> f32 {
     let pairs = (bits & 0x00ff_00ff) + ((bits >> 8) & 0x00ff_00ff);
     let sum = ((pairs + (pairs >> 16)) & 0xffff) as i32;
-    let x = (sum - MIDDLE) as f32 * (1.0 / MIDDLE as f32);
+    let x = (sum - BYTE_SUM_MEAN) as f32 * (1.0 / BYTE_SUM_MEAN as f32);
     let square = x * x;
     // Fitted to the inverse of the normal distribution at the probability of each sum, and scaled to variance 1.
     x * (3.324_18 + square * (0.295_463_1 + square * (1.389_822_6 + square * (-3.174_336_7 + square * 3.339_703_3))))
@@ -189,7 +191,7 @@ mod tests {
     /// Noise alone: what is added to `light` everywhere.
     fn noise(read: f32, shot: f32, key: u64, light: f32) -> [Vec<f32>; 3] {
         let mut planes = [(); 3].map(|()| vec![light; WIDTH * HEIGHT]);
-        noise_of(read, shot, key).add(WIDTH, &mut planes, None);
+        noise_of(read, shot, key).add_to_planes(WIDTH, &mut planes, None);
         planes.map(|plane| plane.iter().map(|value| value - light).collect())
     }
 
@@ -220,7 +222,7 @@ mod tests {
         let (mut below, mut moments) = (0.0, [0.0; 5]);
         for (sum, share) in (0_u32..).zip(ways) {
             let bits = (0..4).fold(0, |bits, k| (bits << 8) | sum.saturating_sub(255 * k).min(255));
-            let level = f64::from(normal(bits));
+            let level = f64::from(normal_from_bits(bits));
             for (power, moment) in (0..).zip(&mut moments) {
                 *moment += share * level.powi(power);
             }
@@ -236,7 +238,7 @@ mod tests {
         let [one, mean, variance, skew, kurtosis] = moments;
         assert!((one - 1.0).abs() < 1e-12 && mean.abs() < 1e-6 && skew.abs() < 1e-6);
         assert!((variance - 1.0).abs() < 1e-5 && (kurtosis - 3.0).abs() < 0.001, "{variance} {kurtosis}");
-        assert!(normal(u32::MAX) > 5.1 && normal(u32::MAX) == -normal(0));
+        assert!(normal_from_bits(u32::MAX) > 5.1 && normal_from_bits(u32::MAX) == -normal_from_bits(0));
     }
 
     #[test]
@@ -257,7 +259,7 @@ mod tests {
             assert!((found / variance - 1.0).abs() < 0.02, "{light}: {found} {variance}");
         }
         let mut still = [vec![0.3], vec![-2.0], vec![0.0]];
-        noise_of(0.0, 0.0, 1).add(1, &mut still, None);
+        noise_of(0.0, 0.0, 1).add_to_planes(1, &mut still, None);
         assert_eq!(still, [vec![0.3], vec![-2.0], vec![0.0]]);
     }
 
@@ -279,10 +281,10 @@ mod tests {
 
     #[test]
     fn correlated_noise_has_the_correlation_that_it_is_given_and_the_same_variance() {
-        for wanted in [0.1, 0.4, 0.6, MOST_CORRELATION] {
+        for wanted in [0.1, 0.4, 0.6, MAX_CORRELATION] {
             let mut planes = [(); 3].map(|()| vec![0.0; WIDTH * HEIGHT]);
             let noise = Noise { color: [2.0, 1.0, 0.5], correlation: wanted, ..noise_of(1.0, 0.0, 5) };
-            noise.add(WIDTH, &mut planes, None);
+            noise.add_to_planes(WIDTH, &mut planes, None);
             for (plane, factor) in planes.iter().zip([2.0, 1.0, 0.5]) {
                 let unit: Vec<f32> = plane.iter().map(|value| value / factor).collect();
                 let variance = mean(unit.iter().map(|value| f64::from(*value).powi(2)));
@@ -301,8 +303,8 @@ mod tests {
         let speckle = Noise { correlation: 0.6, ..noise_of(0.1, 0.0, 8) };
         let mask: Vec<u8> = (0..40 * 30).map(|k| if k / 40 > 11 && k % 7 < 3 { 255 } else { 0 }).collect();
         let [mut everywhere, mut touched] = [(); 2].map(|()| [(); 3].map(|()| vec![0.5; 40 * 30]));
-        speckle.add(40, &mut everywhere, None);
-        speckle.add(40, &mut touched, Some(&mask));
+        speckle.add_to_planes(40, &mut everywhere, None);
+        speckle.add_to_planes(40, &mut touched, Some(&mask));
         for (all, some) in everywhere.iter().zip(&touched) {
             for ((all, some), mask) in all.iter().zip(some).zip(&mask) {
                 assert_eq!(some.to_bits(), if *mask == 0 { 0.5_f32 } else { *all }.to_bits());
@@ -342,11 +344,11 @@ mod tests {
         let noise = noise_of(0.01, 0.02, 0x1234_5678_9abc_def0);
         let wide_view = {
             let mut planes = [(); 3].map(|()| vec![0.25; 61 * 7]);
-            noise.add(61, &mut planes, None);
+            noise.add_to_planes(61, &mut planes, None);
             planes
         };
         let mut small_view = [(); 3].map(|()| vec![0.25; 5 * 4]);
-        scalar_only(|| noise.add(5, &mut small_view, None));
+        scalar_only(|| noise.add_to_planes(5, &mut small_view, None));
         for (channel, plane) in small_view.iter().enumerate() {
             for (i, value) in plane.iter().enumerate() {
                 assert_eq!(value.to_bits(), wide_view[channel][i / 5 * 61 + i % 5].to_bits());
@@ -373,7 +375,7 @@ mod tests {
         for (width, size) in [(1, 1), (1, 640), (640, 640), (7, 10), (0, 0), (0, 3)] {
             for light in [0.0, -0.0, f32::MIN_POSITIVE, -1e30, 1e30] {
                 let mut planes = [(); 3].map(|()| vec![light; size]);
-                noise_of(1e3, 1e-30, u64::MAX).add(width, &mut planes, None);
+                noise_of(1e3, 1e-30, u64::MAX).add_to_planes(width, &mut planes, None);
                 assert!(planes.iter().flatten().all(|value| value.is_finite()));
             }
         }

@@ -10,7 +10,7 @@ use crate::base::rng;
 use crate::base::view::View;
 use crate::effects::{Effect, EffectPolicy};
 
-/// The camera in one sample.
+/// The camera's parameters in one sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[cfg_attr(feature = "schema", schemars(rename = "Shot"))]
@@ -34,7 +34,8 @@ pub struct CameraParams {
     pub noise_correlation: f64,
     /// Standard deviation of the speckle where the pad is touched, grey levels.
     pub speckle_levels: f64,
-    /// Share of full scale from which a pixel is white, and below which it is black; 0 where the image is not binarised.
+    /// Share of full scale from which a pixel is white, and below which it is black; 0 where the image is not
+    /// binarised.
     #[serde(default)]
     pub threshold: f64,
     /// Key of the noise; known from seed and index, so not in the label.
@@ -62,13 +63,13 @@ impl Default for CameraParams {
 }
 
 impl CameraParams {
-    /// The same at another moment: what is noise is other noise, all else stays. Which is fixed by the key, too.
-    pub(crate) fn at_another_moment(self) -> Self {
-        Self { noise_key: rng::stream(self.noise_key, "another moment", 0).bits(), ..self }
+    /// Returns the parameters at another moment: with other noise, which the key fixes, too, and all else as it is.
+    pub(crate) fn with_fresh_noise(self) -> Self {
+        Self { noise_key: rng::random_stream(self.noise_key, "another moment", 0).next_bits(), ..self }
     }
 
-    /// The same without an effect that is to be left out.
-    pub(crate) fn under(self, policy: EffectPolicy) -> Self {
+    /// Returns the parameters without the effect that the policy leaves out.
+    pub(crate) fn with_policy(self, policy: EffectPolicy) -> Self {
         match policy {
             EffectPolicy::WhereNeeded | EffectPolicy::All => self,
             EffectPolicy::Without(effect) => match effect {
@@ -78,7 +79,7 @@ impl CameraParams {
                 Effect::Exposure => Self { gains: [1.0; 3], ..self },
                 Effect::Noise => Self { shot_noise_levels: 0.0, read_noise_levels: 0.0, ..self },
                 Effect::Speckle => Self { speckle_levels: 0.0, ..self },
-                // No work of the camera.
+                // Not an effect of the camera.
                 Effect::Texture
                 | Effect::RestShape
                 | Effect::Deformation
@@ -94,9 +95,9 @@ impl CameraParams {
         }
     }
 
-    /// Its noise; `None` if it has none.
+    /// Returns the camera's noise; `None` if it has none.
     pub(super) fn noise(&self) -> Option<Noise> {
-        let [read, shot] = [self.read_noise_levels, self.shot_noise_levels].map(share);
+        let [read, shot] = [self.read_noise_levels, self.shot_noise_levels].map(levels_to_fraction);
         (read > 0.0 || shot > 0.0).then(|| Noise {
             read,
             shot,
@@ -106,27 +107,30 @@ impl CameraParams {
         })
     }
 
-    /// The speckle of a pad that is touched; `None` if it has none.
+    /// Returns the speckle of a pad that is touched; `None` if it has none.
     pub(super) fn speckle(&self) -> Option<Noise> {
         (self.speckle_levels > 0.0).then(|| Noise {
-            read: share(self.speckle_levels),
+            read: levels_to_fraction(self.speckle_levels),
             shot: 0.0,
             color: [1.0; 3],
-            correlation: noise::MOST_CORRELATION,
-            key: noise::mix(self.noise_key),
+            correlation: noise::MAX_CORRELATION,
+            // Another key than that of the noise: the two are independent.
+            key: noise::splitmix64(self.noise_key),
         })
     }
 
-    /// The lens's distortion, if it has any.
+    /// Returns the lens's distortion; `None` if it has none.
     pub(crate) fn lens(&self, view: &View) -> Option<Lens> {
         let [width, height] = view.resolution_px;
         let [k1, k2] = self.distortion;
         (k1 != 0.0 || k2 != 0.0).then_some(Lens { k1, k2, width, height })
     }
 
-    /// True if both show light alike, before exposure and noise. What counts here, [`CameraParams::through`] has to do.
-    pub(super) fn same_optics(&self, other: &Self) -> bool {
+    /// Returns true if both show light alike, before exposure and noise. What is compared here,
+    /// [`CameraParams::apply_optics`] has to apply.
+    pub(super) fn has_same_optics(&self, other: &Self) -> bool {
         let of = |camera: &Self| {
+            // Every field is named, so that a new one cannot be forgotten here.
             let Self {
                 distortion,
                 vignette,
@@ -145,26 +149,27 @@ impl CameraParams {
         of(self) == of(other)
     }
 
-    /// Light of the whole view through lens and vignette.
-    pub(super) fn through(&self, planes: &Planes, view: &View) -> Planes {
+    /// Applies lens and vignette to light of the entire view.
+    pub(super) fn apply_optics(&self, planes: &Planes, view: &View) -> Planes {
         let [width, height] = view.resolution_px;
         let mut planes = planes.clone();
         if self.defocus_mm > 0.0 {
-            planes = defocus::blur_whole(&planes, width, height, self.blur_px(view));
+            planes = defocus::blur_whole(&planes, width, height, self.blur_sigma_px(view));
         }
         if let Some(lens) = self.lens(view) {
             planes = lens.warp_whole(&planes);
         }
-        vignette::darken(&mut planes, Rect::whole(width, height), view, self.vignette);
+        vignette::darken_corners(&mut planes, Rect::whole(width, height), view, self.vignette);
         planes
     }
 
-    pub(super) fn blur_px(&self, view: &View) -> [f64; 2] {
-        view.mm_per_px.map(|pitch| self.defocus_mm / pitch)
+    /// Returns the standard deviation of the blur along x and y, px.
+    pub(super) fn blur_sigma_px(&self, view: &View) -> [f64; 2] {
+        view.mm_per_px.map(|pixel_mm| self.defocus_mm / pixel_mm)
     }
 }
 
-/// Grey levels as a share of full scale.
-fn share(levels: f64) -> f32 {
+/// Converts grey levels to a fraction of full scale.
+fn levels_to_fraction(levels: f64) -> f32 {
     (levels / 255.0) as f32
 }

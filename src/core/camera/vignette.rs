@@ -1,15 +1,15 @@
-//! Loss of light towards the image's corners: in proportion to the square of the distance from the middle, as for small
-//! angles of the cosine-fourth law of an ideal lens.
+//! Loss of light towards the image's corners, in proportion to the square of the distance from the middle: the
+//! cosine-fourth law of an ideal lens at small angles.
 
 use crate::base::grid::Rect;
 use crate::base::simd::simd_dispatch;
 use crate::base::view::View;
 
-/// Takes from `planes`, which show `part` of the view, the share `corner` of the light in the view's corners.
-pub fn darken(planes: &mut [Vec<f32>; 3], part: Rect, view: &View, corner: f64) {
+/// Darkens `planes`, which show `part` of the view; the corners of the view lose the fraction `corner` of their light.
+pub fn darken_corners(planes: &mut [Vec<f32>; 3], part: Rect, view: &View, corner: f64) {
     let [width, height] = view.resolution_px.map(|size| size as f64);
     let diagonal2 = (width * width + height * height) / 4.0;
-    // The share lost at a distance along one axis, and at the corner in all.
+    // The loss by the distance along one axis: those along x and y add up, to `corner` in the corners.
     let lost = |at: usize, size: f64| {
         let offset = at as f64 + 0.5 - size / 2.0;
         (corner * offset * offset / diagonal2) as f32

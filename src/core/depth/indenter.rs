@@ -1,17 +1,17 @@
-//! What is pressed into the pad, and where.
+//! The object that is pressed into the pad, and its pose.
 
 use std::sync::Arc;
 
 use super::height_map::HeightMap;
-use super::seen::SeenSurface;
+use super::seen_surface::SeenSurface;
 use crate::base::grid::Grid;
 use crate::mesh::Mesh;
 use crate::mesh::clusters::Clusters;
 use crate::pose::Pose;
 
-/// What is pressed into the pad, and where it is.
+/// The object that is pressed into the pad, and where it is.
 ///
-/// Its depth follows from its geometry and its pose, so the three change together: [`Indenter::moved_to`],
+/// The depth follows from geometry and pose, so the three change only together: see [`Indenter::moved_to`] and
 /// [`Indenter::at_depth_mm`]. A clone shares the geometry.
 #[derive(Clone, Debug)]
 pub struct Indenter {
@@ -24,16 +24,16 @@ pub struct Indenter {
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Shape {
-    /// A mesh, made ready for capture.
+    /// A mesh, ready for capture.
     Mesh(Arc<Clusters>),
-    /// Heights over the pad, at the pixels of the simulator's view.
+    /// Heights over the pad at the pixels of the simulator's view.
     HeightMap(Arc<HeightMap>),
-    /// What a camera inside a gel that is not flat sees of an object.
+    /// The part of an object that a camera inside a curved gel sees.
     Seen(Arc<SeenSurface>),
 }
 
 impl Shape {
-    /// Its triangles; `None` of heights.
+    /// Returns the triangles; `None` for a height map.
     pub fn clusters(&self) -> Option<&Clusters> {
         match self {
             Self::Mesh(clusters) => Some(clusters),
@@ -42,7 +42,8 @@ impl Shape {
         }
     }
 
-    /// Pixels of which nothing is known, such as those that a depth camera could not see; 0 of a mesh.
+    /// Returns the number of pixels where nothing is known, such as those that a depth camera could not see; 0 for a
+    /// mesh.
     pub fn unseen_px(&self) -> u64 {
         match self {
             Self::Mesh(_) => 0,
@@ -52,63 +53,64 @@ impl Shape {
     }
 }
 
-/// Why an array is no height map.
+/// Why an array is not a height map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HeightMapError {
-    /// The array has another length than the size says.
+    /// The length of the array does not fit the size.
     #[error("{found} values for {width} x {height} pixels")]
     Length {
         /// Columns.
         width: usize,
         /// Rows.
         height: usize,
-        /// Values.
+        /// Length of the array.
         found: usize,
     },
-    /// A value is not a number, or infinitely deep.
-    #[error("the depth of pixel {index} (row-major) is NaN or infinite; where nothing is, minus infinity stands")]
+    /// A value is NaN or plus infinity.
+    #[error("the depth of pixel {index} (row-major) is NaN or infinite; use minus infinity where there is no object")]
     NotADepth {
-        /// Which value.
+        /// Index of the value.
         index: usize,
     },
 }
 
 impl Indenter {
-    /// Its geometry.
+    /// Returns the geometry.
     pub fn shape(&self) -> &Shape {
         &self.shape
     }
 
-    /// Where a mesh is, in the sensor's frame; of a height map, from where texture is laid out and what motion in the pad's
-    /// plane turns about.
+    /// Returns the pose of a mesh in the sensor's frame. For a height map, it is the origin from which textures are
+    /// laid out and about which motion in the pad's plane turns.
     pub fn pose(&self) -> &Pose {
         &self.pose
     }
 
-    /// How deep its lowest point reaches below the undeformed pad, mm; 0 or less without contact.
+    /// Returns how deep the lowest point reaches below the undeformed pad, mm; 0 or less without contact.
     pub fn depth_mm(&self) -> f64 {
         self.depth_mm
     }
 
-    /// A mesh at a pose. To press it elsewhere, see [`Indenter::moved_to`].
+    /// Makes an indenter from a mesh at a pose. To press the same mesh elsewhere, use [`Indenter::moved_to`].
     pub fn mesh(mesh: &Mesh, pose: Pose) -> Self {
         Self::clusters(Arc::new(Clusters::new(mesh)), pose)
     }
 
-    /// A mesh that was made ready before.
+    /// Makes an indenter from clusters that were prepared before.
     pub fn clusters(clusters: Arc<Clusters>, pose: Pose) -> Self {
         let depth_mm = 0.0 - pose.lowest_mm(&clusters);
         Self { shape: Shape::Mesh(clusters), pose, depth_mm }
     }
 
-    /// A shape at a pose, of which the depth is known, mm: measured elsewhere than at the lowest point, or by who saw it.
+    /// Makes an indenter whose depth is given, mm: it was measured elsewhere than at the lowest point, or by whoever
+    /// saw the object.
     pub fn of_known_depth(shape: Shape, pose: Pose, depth_mm: f64) -> Self {
         Self { shape, pose, depth_mm }
     }
 
-    /// The same, raised or lowered until its lowest point is `depth_mm` below the undeformed pad. A height map is raised or
-    /// lowered as a whole.
+    /// Returns the indenter raised or lowered until its lowest point is `depth_mm` below the undeformed pad. A height
+    /// map is raised or lowered as a whole; a seen surface only gets the new depth.
     pub fn at_depth_mm(&self, depth_mm: f64) -> Self {
         match &self.shape {
             Shape::Mesh(clusters) => self.moved_to(self.pose.lowered(-depth_mm, clusters)),
@@ -129,9 +131,9 @@ impl Indenter {
         }
     }
 
-    /// Several meshes that are pressed in together, as one rigid body whose pose is the first one's: motion, and how texture is
-    /// laid out, refer to that. `None` of no object, and where one is no mesh.
-    pub fn together(objects: &[Self]) -> Option<Self> {
+    /// Joins several meshes that are pressed in together into one rigid body with the first one's pose: motion, and the
+    /// placement of textures, refer to it. `None` without any object, or if one of them is not a mesh.
+    pub fn join_meshes(objects: &[Self]) -> Option<Self> {
         let (first, others) = objects.split_first()?;
         let Shape::Mesh(own) = &first.shape else { return None };
         if others.is_empty() {
@@ -149,7 +151,7 @@ impl Indenter {
         Some(Self::clusters(Arc::new(own.with_others(&placed)), first.pose))
     }
 
-    /// The same at another pose. A height map stays where it is, and what was seen is as deep as it was.
+    /// Returns the indenter at another pose. A height map stays where it is, and a seen surface keeps its depth.
     pub fn moved_to(&self, pose: Pose) -> Self {
         match &self.shape {
             Shape::Mesh(clusters) => Self::clusters(Arc::clone(clusters), pose),
@@ -157,12 +159,12 @@ impl Indenter {
         }
     }
 
-    /// From an array: how far the object reaches below the undeformed pad at each pixel of the view, mm, row-major; negative
-    /// over the pad, minus infinity where there is no object.
+    /// Makes an indenter from an array: how far the object reaches below the undeformed pad at each pixel of the view,
+    /// mm, row-major; negative above the pad, minus infinity where there is no object.
     ///
     /// # Errors
     ///
-    /// Where the array has not `width * height` values, or one of them is NaN or infinitely deep.
+    /// If the array does not have `width * height` values, or one of them is NaN or plus infinity.
     pub fn height_map([width, height]: [usize; 2], depth_mm: Vec<f32>) -> Result<Self, HeightMapError> {
         if depth_mm.len() != width * height {
             return Err(HeightMapError::Length { width, height, found: depth_mm.len() });
@@ -171,11 +173,11 @@ impl Indenter {
             return Err(HeightMapError::NotADepth { index });
         }
         let data = depth_mm.into_iter().map(|depth| 0.0 - depth).collect();
-        Ok(Self::heights(HeightMap { above_mm: Grid { width, height, data }, unseen_px: 0 }))
+        Ok(Self::from_heights(HeightMap { above_mm: Grid { width, height, data }, unseen_px: 0 }))
     }
 
-    /// From heights over the pad.
-    pub fn heights(map: HeightMap) -> Self {
+    /// Makes an indenter from heights over the pad.
+    pub fn from_heights(map: HeightMap) -> Self {
         let depth_mm = map.indentation_depth_mm();
         Self { shape: Shape::HeightMap(Arc::new(map)), pose: Pose::IDENTITY, depth_mm }
     }

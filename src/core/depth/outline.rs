@@ -1,8 +1,9 @@
-//! The outline of an object seen along the pad's normal: a polygon around it.
+//! The outline of an object seen along the pad's normal, as a polygon around it.
 //!
-//! Its sides are the object's reach in directions that are evenly spaced over the plane, so that two outlines lie apart where a line
-//! across one of these directions parts them (the separating-axis test of a discrete orientation polytope, Klosowski et al.
-//! 1998). It errs to one side only: objects whose outlines lie apart do not overlap, whatever their shapes and heights.
+//! The sides are the object's reach in directions evenly spaced over the plane. Two outlines are apart if a line
+//! perpendicular to one of these directions separates them (the separating-axis test of a discrete orientation
+//! polytope, Klosowski et al. 1998). The test errs to one side only: objects whose outlines are apart do not overlap,
+//! whatever their shapes and heights.
 
 use std::sync::OnceLock;
 
@@ -10,18 +11,19 @@ use crate::base::angle::sin_cos_deg;
 use crate::mesh::clusters::Clusters;
 use crate::pose::Pose;
 
-/// Sides of an outline. Discs count for 1 / cos(180 degrees / `SIDES`) of their size at most: 0.03 % more.
+/// Sides of an outline. A disc's outline is larger than the disc by a factor of at most 1 / cos(180 degrees / `SIDES`),
+/// 0.03 %.
 pub const SIDES: usize = 128;
 
 /// A polygon around an object in the plane that it is posed over.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outline {
-    /// The largest `direction . point` of its points, mm, for each of the [`SIDES`] directions.
+    /// The largest `direction . point` of the object's points, mm, for each of the [`SIDES`] directions.
     reach_mm: [f64; SIDES],
 }
 
-/// Unit vectors at even angles from +x towards +y; the one opposite to another stands half of [`SIDES`] after it.
-fn directions() -> &'static [[f64; 2]; SIDES] {
+/// Returns unit vectors at even angles from +x towards +y; opposite directions are half of [`SIDES`] apart.
+fn side_directions() -> &'static [[f64; 2]; SIDES] {
     static TABLE: OnceLock<[[f64; 2]; SIDES]> = OnceLock::new();
     TABLE.get_or_init(|| {
         std::array::from_fn(|side| {
@@ -32,35 +34,37 @@ fn directions() -> &'static [[f64; 2]; SIDES] {
 }
 
 impl Outline {
-    /// That of an object at a pose over a plane.
+    /// Makes the outline of an object at a pose over a plane.
     pub fn of(object: &Clusters, pose: &Pose) -> Self {
         let back = pose.rotation.transpose();
         let centre = pose.rotation * glam::DVec3::from_array(object.centre_mm()) + pose.translation_mm;
-        let reach_mm = directions().map(|[x, y]| {
+        let reach_mm = side_directions().map(|[x, y]| {
             let direction = back * glam::DVec3::new(x, y, 0.0);
             centre.x * x + centre.y * y + object.extreme(direction.to_array())
         });
         Self { reach_mm }
     }
 
-    /// The same, so much further along x and y, mm.
+    /// Returns the outline shifted along x and y, mm.
     pub fn moved(&self, by_mm: [f64; 2]) -> Self {
         let mut moved = self.clone();
-        for (reach_mm, [x, y]) in moved.reach_mm.iter_mut().zip(directions()) {
+        for (reach_mm, [x, y]) in moved.reach_mm.iter_mut().zip(side_directions()) {
             *reach_mm += by_mm[0] * x + by_mm[1] * y;
         }
         moved
     }
 
-    /// The width of the gap to another one, mm, across the direction in which it is widest; below 0 where no direction parts them.
+    /// Returns the width of the gap to another outline, mm, in the direction in which it is widest; below 0 where no
+    /// direction separates them.
     pub fn gap_mm(&self, other: &Self) -> f64 {
         let opposite = other.reach_mm.iter().cycle().skip(SIDES / 2);
         self.reach_mm.iter().zip(opposite).map(|(own, other)| -own - other).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// How far a point of the plane lies beyond the side that it is farthest from, mm; 0 or below inside.
+    /// Returns how far a point of the plane lies outside the side that it is farthest outside of, mm; 0 or below for a
+    /// point inside.
     pub fn beyond_mm(&self, [px, py]: [f64; 2]) -> f64 {
-        let beyond = self.reach_mm.iter().zip(directions()).map(|(reach_mm, [x, y])| px * x + py * y - reach_mm);
+        let beyond = self.reach_mm.iter().zip(side_directions()).map(|(reach_mm, [x, y])| px * x + py * y - reach_mm);
         beyond.fold(f64::NEG_INFINITY, f64::max)
     }
 }

@@ -1,21 +1,21 @@
-//! The patterns of textures as height maps: one tile of each, which repeats without a seam. Heights have any range;
-//! lengths are in units of the pattern's scale.
+//! The patterns of textures as height maps: one tile for each, which repeats without a seam. Heights can have any
+//! range; lengths are in units of the pattern's scale.
 //!
-//! Knurls, weaves and dimples are plain geometry; the noise is a random lattice refined by corner cutting (Chaikin
-//! 1974) with finer noise added at every step (Fournier, Fussell and Carpenter 1982); brushed metal is the lower
+//! Knurls, weaves and dimples are plain geometry. The noise is a random lattice refined by corner cutting (Chaikin
+//! 1974), with finer noise added at every step (Fournier, Fussell and Carpenter 1982). Brushed metal is the lower
 //! envelope of many scratches.
 
 use std::f64::consts::PI;
 
 use crate::base::grid::Grid;
-use crate::base::rng::{Stream, stream};
+use crate::base::rng::{RandomStream, random_stream};
 
-/// Texels along a side of the random tiles.
-const SIZE: usize = 1024;
-/// Texels along a side of the others, which show a few periods.
-const FEW: usize = 512;
+/// Texels along a side of a random tile.
+const RANDOM_TILE_TEXELS: usize = 1024;
+/// Texels along a side of the other tiles, which show a few periods.
+const REGULAR_TILE_TEXELS: usize = 512;
 
-/// Patterns that are computed.
+/// Patterns that are computed, not loaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Procedural {
     /// Roughness without direction, as of cast metal.
@@ -30,20 +30,20 @@ pub enum Procedural {
     Dimples,
 }
 
-/// A height map that repeats.
-pub struct Tile {
-    /// Square, a power of two wide. Texel (i, j) is the height at the point (i, j) itself.
+/// A height map that repeats without a seam.
+pub struct PatternTile {
+    /// Square, with a power of two texels per side. Texel (i, j) is the height at the point (i, j) itself.
     pub heights: Grid<f32>,
-    /// The tile's size along x and y in units of the pattern's scale.
+    /// The tile's size along x and y, in units of the pattern's scale.
     pub extent: [f64; 2],
 }
 
-impl Tile {
-    /// `height` at every texel, whose arguments are x and y in units of the scale.
+impl PatternTile {
+    /// Makes a tile by calling `height` at every texel with x and y in units of the scale.
     fn new(extent: [f64; 2], height: impl Fn(f64, f64) -> f64) -> Self {
-        let [dx, dy] = extent.map(|length| length / FEW as f64);
-        let mut heights = Grid::new(FEW, FEW);
-        for j in 0..FEW {
+        let [dx, dy] = extent.map(|length| length / REGULAR_TILE_TEXELS as f64);
+        let mut heights = Grid::new(REGULAR_TILE_TEXELS, REGULAR_TILE_TEXELS);
+        for j in 0..REGULAR_TILE_TEXELS {
             for (i, value) in heights.row_mut(j).iter_mut().enumerate() {
                 *value = height(i as f64 * dx, j as f64 * dy) as f32;
             }
@@ -52,33 +52,33 @@ impl Tile {
     }
 }
 
-/// Roughness without direction, as of cast metal or sandpaper. The scale is the size of the largest bumps.
-pub fn noise() -> Tile {
-    /// How much lower bumps of half the size are.
+/// Makes roughness without direction, as of cast metal or sandpaper. The scale is the size of the largest bumps.
+pub fn noise_tile() -> PatternTile {
+    /// Ratio of heights between bumps of one size and those of twice the size.
     const GAIN: f32 = 0.6;
-    let mut random = stream(0, "relief", 0);
+    let mut random = random_stream(0, "relief", 0);
     let mut white = |size: usize, height: f32| -> Vec<f32> {
-        (0..size * size).map(|_| height * (random.unit() as f32 - 0.5)).collect()
+        (0..size * size).map(|_| height * (random.uniform() as f32 - 0.5)).collect()
     };
     // A bump is two lattice points wide.
     let mut size = 32;
     let extent = [size as f64 / 2.0; 2];
     let mut heights = Grid { width: size, height: size, data: white(size, 1.0) };
     let mut gain = 1.0;
-    while size < SIZE {
-        heights = refined(&heights);
+    while size < RANDOM_TILE_TEXELS {
+        heights = refine_lattice(&heights);
         size *= 2;
         gain *= GAIN;
         for (value, finer) in heights.data.iter_mut().zip(white(size, gain)) {
             *value += finer;
         }
     }
-    softened(&mut heights);
-    Tile { heights, extent }
+    compress_extremes(&mut heights);
+    PatternTile { heights, extent }
 }
 
-/// Compresses what is far from the mean: rare extremes would use up the range.
-fn softened(heights: &mut Grid<f32>) {
+/// Compresses heights far from the mean: rare extremes would use up the range.
+fn compress_extremes(heights: &mut Grid<f32>) {
     let count = heights.data.len() as f64;
     let mean = heights.data.iter().map(|value| f64::from(*value)).sum::<f64>() / count;
     let squares = heights.data.iter().map(|value| (f64::from(*value) - mean) * (f64::from(*value) - mean)).sum::<f64>();
@@ -89,8 +89,8 @@ fn softened(heights: &mut Grid<f32>) {
     }
 }
 
-/// Twice as many points on the quadratic B-spline that the points of a periodic lattice control.
-fn refined(coarse: &Grid<f32>) -> Grid<f32> {
+/// Refines a periodic lattice to twice as many points on the quadratic B-spline that it controls.
+fn refine_lattice(coarse: &Grid<f32>) -> Grid<f32> {
     let size = coarse.width;
     let mut fine = Grid::new(2 * size, 2 * size);
     for y in 0..2 * size {
@@ -106,23 +106,24 @@ fn refined(coarse: &Grid<f32>) -> Grid<f32> {
     fine
 }
 
-/// Brushed metal: scratches along x, of many lengths, widths and depths. The scale is the distance between lines.
-pub fn brushed() -> Tile {
-    /// Size of the tile in lines: along them scratches are long, so texels may be too.
+/// Makes brushed metal: scratches along x, of many lengths, widths and depths. The scale is the distance between lines.
+pub fn brushed_tile() -> PatternTile {
+    /// Size of the tile in lines. Scratches are long along x, so texels may be, too.
     const EXTENT: [f64; 2] = [256.0, 64.0];
     const SCRATCHES: usize = 6000;
-    let mut random = stream(0, "relief", 1);
-    let mut heights = Grid::new(SIZE, SIZE);
+    let mut random = random_stream(0, "relief", 1);
+    let mut heights = Grid::new(RANDOM_TILE_TEXELS, RANDOM_TILE_TEXELS);
     for number in 0..SCRATCHES {
-        // Evenly spread across, so that there are no bare strips.
-        let y = (number as f64 + random.unit()) / SCRATCHES as f64;
-        Scratch::draw(&mut random, y * SIZE as f64, SIZE as f64 / EXTENT[1]).cut(&mut heights);
+        // Evenly spread across the tile, so that there are no bare strips.
+        let y = (number as f64 + random.uniform()) / SCRATCHES as f64;
+        Scratch::draw(&mut random, y * RANDOM_TILE_TEXELS as f64, RANDOM_TILE_TEXELS as f64 / EXTENT[1])
+            .cut_into(&mut heights);
     }
-    softened(&mut heights);
-    Tile { heights, extent: EXTENT }
+    compress_extremes(&mut heights);
+    PatternTile { heights, extent: EXTENT }
 }
 
-/// A groove along x, in texels.
+/// A groove along x; lengths are in texels.
 struct Scratch {
     x: f64,
     y: f64,
@@ -132,11 +133,12 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn draw(random: &mut Stream, y: f64, rows_per_line: f64) -> Self {
-        let mut between = |low: f64, high: f64| low + (high - low) * random.unit();
+    fn draw(random: &mut RandomStream, y: f64, rows_per_line: f64) -> Self {
+        let mut between = |low: f64, high: f64| low + (high - low) * random.uniform();
+        // Log-uniform: narrow scratches are as frequent per octave as wide ones.
         let share = libm::exp(between(libm::log(0.12), libm::log(0.8)));
         Self {
-            x: between(0.0, SIZE as f64),
+            x: between(0.0, RANDOM_TILE_TEXELS as f64),
             y,
             length: libm::exp(between(libm::log(30.0), libm::log(500.0))),
             half_width: rows_per_line * share,
@@ -145,7 +147,7 @@ impl Scratch {
     }
 
     /// Lowers the heights by the groove, which fades out towards its ends.
-    fn cut(&self, heights: &mut Grid<f32>) {
+    fn cut_into(&self, heights: &mut Grid<f32>) {
         let size = heights.width as i64;
         let columns = self.x as i64..(self.x + self.length) as i64;
         for row in (self.y - self.half_width).ceil() as i64..=(self.y + self.half_width).floor() as i64 {
@@ -161,43 +163,43 @@ impl Scratch {
     }
 }
 
-/// A diamond knurl: two sets of V grooves that cross at 60 degrees and leave pyramids. The scale is the distance between
-/// grooves.
-pub fn knurled() -> Tile {
-    /// The pyramids' tops are cut off at this height.
+/// Makes a diamond knurl: two sets of V grooves that cross at 60 degrees and leave pyramids. The scale is the distance
+/// between grooves.
+pub fn knurled_tile() -> PatternTile {
+    /// The tops of the pyramids are cut off at this height.
     const TOP: f64 = 0.9;
     let rows = libm::sqrt(3.0) / 2.0;
     let flank = |across: f64| 2.0 * (across - across.round()).abs();
-    Tile::new([4.0, 4.0 / rows], |x, y| flank(rows * y - x / 2.0).min(flank(rows * y + x / 2.0)).min(TOP))
+    PatternTile::new([4.0, 4.0 / rows], |x, y| flank(rows * y - x / 2.0).min(flank(rows * y + x / 2.0)).min(TOP))
 }
 
-/// A plain weave: yarns of round section along x and along y, alternately over and under each other. The scale is the
-/// distance between yarns.
-pub fn woven() -> Tile {
-    /// Half a yarn's width.
+/// Makes a plain weave: yarns of round section along x and along y, alternately over and under each other. The scale is
+/// the distance between yarns.
+pub fn woven_tile() -> PatternTile {
+    /// Half the width of a yarn.
     const HALF_WIDTH: f64 = 0.46;
-    /// How far a yarn's middle goes up and down, and how deep the lines are that its twist leaves, in half its height.
+    /// Amplitudes of a yarn's centre line, and of the lines that its twist leaves, in units of half the yarn's height.
     const WAVE: f64 = 0.6;
     const TWIST: f64 = 0.06;
     let yarn = |across: f64, along: f64| {
         let number = across.floor();
         let from_middle = (across - number - 0.5) / HALF_WIDTH;
         let round = (1.0 - from_middle * from_middle).max(0.0).sqrt();
-        // The middle of a crossing is at half-integers; next to each other, yarns go opposite ways.
+        // The centre of a crossing is at half-integers; neighbouring yarns go opposite ways.
         let wave = libm::sin(PI * (along + number));
         let twist = libm::cos(2.0 * PI * (5.0 * along + from_middle));
         round + WAVE * wave + TWIST * round * twist
     };
-    Tile::new([4.0, 4.0], |x, y| yarn(x, y).max(yarn(y, x + 1.0)))
+    PatternTile::new([4.0, 4.0], |x, y| yarn(x, y).max(yarn(y, x + 1.0)))
 }
 
-/// Spherical dents on a hexagonal grid. The scale is the distance between dents.
-pub fn dimples() -> Tile {
+/// Makes spherical dents on a hexagonal grid. The scale is the distance between dents.
+pub fn dimples_tile() -> PatternTile {
     /// Radius of a dent.
     const RADIUS: f64 = 0.42;
     let rows = libm::sqrt(3.0) / 2.0;
-    Tile::new([4.0, 4.0 * rows], |x, y| {
-        // The hexagonal grid is two rectangular ones.
+    PatternTile::new([4.0, 4.0 * rows], |x, y| {
+        // The hexagonal grid is made of two rectangular ones.
         let square = |shift: f64| {
             let dx = x + shift - (x + shift).round();
             let dy = y / (2.0 * rows) + shift - (y / (2.0 * rows) + shift).round();
@@ -213,7 +215,7 @@ mod tests {
 
     #[test]
     fn no_tile_has_a_seam() {
-        for tile in [noise(), brushed(), knurled(), woven(), dimples()] {
+        for tile in [noise_tile(), brushed_tile(), knurled_tile(), woven_tile(), dimples_tile()] {
             let Grid { width, height, .. } = tile.heights;
             assert!(width == height && width.is_power_of_two());
             // The roughest neighbours within the tile are rougher than the average of those across its border.
@@ -237,7 +239,7 @@ mod tests {
                 coarse.row_mut(y)[x] = ramp(x) + 10.0 * ramp(y);
             }
         }
-        let fine = refined(&coarse);
+        let fine = refine_lattice(&coarse);
         for y in 4..12 {
             for x in 4..12 {
                 let expected = (x as f32 / 2.0 - 0.25) + 10.0 * (y as f32 / 2.0 - 0.25);

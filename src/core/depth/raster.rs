@@ -1,20 +1,20 @@
 //! Rasteriser of clusters into a height map that keeps the lowest value per pixel.
 //!
-//! A triangle covers a pixel if the pixel's centre lies in it or on its edge. The edge functions are taken relative to
-//! the pixel's centre (Woop, Benthin and Wald 2013): for two triangles that share an edge they are exact negatives of
-//! each other, so that, with edges counted in on both sides, no centre falls between them. No fused multiply-add: the
-//! result is the same on every x86-64.
+//! A triangle covers a pixel if the pixel's centre lies in it or on its edge. The edge functions are computed relative
+//! to the pixel's centre (Woop, Benthin and Wald 2013): for two triangles that share an edge they are exact negatives
+//! of each other. As edges belong to both triangles, no centre falls between them. No fused multiply-add is used, so
+//! the result is the same on every x86-64.
 
 use pulp::{Scalar, Simd, WithSimd};
 
 use super::Placement;
 use crate::base::grid::Grid;
-use crate::base::simd::dispatch;
+use crate::base::simd::dispatch_kernel;
 use crate::base::view::View;
-use crate::mesh::clusters::{Clusters, MAX_VERTICES, Part};
+use crate::mesh::clusters::{ClusterPart, Clusters, MAX_VERTICES};
 use samples::Tiles;
 
-pub use samples::{SAMPLES, Sampled, raster_samples};
+pub use samples::{SAMPLES, SampleLayout, rasterise_samples};
 
 mod samples;
 
@@ -25,17 +25,17 @@ pub struct Canvas {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Height over the pad from which on nothing is kept, mm.
+    /// Height over the pad above which nothing is kept, mm.
     pub ceiling: f32,
-    /// Columns left of the projection, and rows above it, that are part of the canvas.
+    /// Columns to the left of the projection, and rows above it, that belong to the canvas.
     pub margin: usize,
 }
 
 impl Canvas {
-    /// Coordinate of the centre of the image's column or row number `at`. Coordinates count from the projection's corner, so
-    /// that no bit of the projection depends on the margin.
+    /// Returns the coordinate of the centre of the column or row `at`. Coordinates count from the projection's corner,
+    /// so that no bit of the projection depends on the margin.
     #[inline(always)]
-    fn centre(self, at: usize) -> f32 {
+    fn pixel_centre(self, at: usize) -> f32 {
         (at as i32 - self.margin as i32) as f32 + 0.5
     }
 }
@@ -43,20 +43,20 @@ impl Canvas {
 /// Affine map from an object's vertices (mm, relative to its centre) to column px, row px and height over the pad mm.
 /// The centre of the projection's pixel in column i, row j is at (i + 0.5, j + 0.5).
 #[derive(Clone, Copy, Debug)]
-pub struct Projection {
+pub struct OrthographicProjection {
     linear: [[f32; 3]; 3],
     offset: [f32; 3],
 }
 
-impl Projection {
-    /// The map for an object at `placement`, seen by `camera`.
+impl OrthographicProjection {
+    /// Makes the projection of an object at `placement` onto the pixels of `view`.
     pub fn new(placement: &Placement, view: &View, centre_mm: [f64; 3]) -> Self {
         let per_mm = [1.0 / view.mm_per_px[0], 1.0 / view.mm_per_px[1], 1.0];
         let middle = [view.resolution_px[0] as f64 / 2.0, view.resolution_px[1] as f64 / 2.0, 0.0];
         let mut projection = Self { linear: [[0.0; 3]; 3], offset: [0.0; 3] };
         for k in 0..3 {
             let row = placement.rotation[k];
-            // In f64: the object's centre may be far from its origin.
+            // In f64, because the object's centre may be far from its origin.
             let centre: f64 = row.iter().zip(centre_mm).map(|(r, c)| r * c).sum();
             projection.linear[k] = row.map(|r| (r * per_mm[k]) as f32);
             projection.offset[k] = ((centre + placement.translation_mm[k]) * per_mm[k] + middle[k]) as f32;
@@ -64,8 +64,8 @@ impl Projection {
         projection
     }
 
-    /// The same with the picture's corner moved by so many pixels.
-    pub fn seen_from(mut self, corner_px: [f64; 2]) -> Self {
+    /// Moves the corner of the image to `corner_px`.
+    pub fn with_corner_at(mut self, corner_px: [f64; 2]) -> Self {
         for (offset, px) in self.offset.iter_mut().zip(corner_px) {
             *offset = (f64::from(*offset) - px) as f32;
         }
@@ -73,13 +73,13 @@ impl Projection {
     }
 
     #[inline(always)]
-    fn map(&self, k: usize, x: f32, y: f32, z: f32) -> f32 {
+    fn project_axis(&self, k: usize, x: f32, y: f32, z: f32) -> f32 {
         let [a, b, c] = self.linear[k];
         a * x + b * y + c * z + self.offset[k]
     }
 
-    /// False if a box cannot put a point below the ceiling within `reach` px of a pixel's centre of the canvas, in these tiles
-    /// if it is not all of them.
+    /// Returns false if a box contains no point below the ceiling within `reach` px of a pixel's centre of the canvas;
+    /// with `tiles`, of a pixel's centre in one of the wanted tiles.
     #[inline(always)]
     fn may_touch(&self, canvas: Canvas, reach: f32, tiles: Option<&Tiles>, min: [f32; 3], max: [f32; 3]) -> bool {
         let low = |k: usize| {
@@ -90,50 +90,52 @@ impl Projection {
             let reach: f32 = (0..3).map(|j| (self.linear[k][j] * min[j]).max(self.linear[k][j] * max[j])).sum();
             reach + self.offset[k]
         };
-        // Rounding of the box's corners and of the vertices differs: a hair more than either can be off.
+        // Rounding of the box's corners and of the vertices differs: the slack is slightly larger than the error of
+        // either.
         let slack = |k: usize| 1e-5 * (low(k).abs() + high(k).abs()) + 1e-5 + if k < 2 { reach } else { 0.0 };
-        let inside = high(0) + slack(0) >= canvas.centre(0)
-            && low(0) - slack(0) <= canvas.centre(canvas.width)
-            && high(1) + slack(1) >= canvas.centre(0)
-            && low(1) - slack(1) <= canvas.centre(canvas.height)
+        let inside = high(0) + slack(0) >= canvas.pixel_centre(0)
+            && low(0) - slack(0) <= canvas.pixel_centre(canvas.width)
+            && high(1) + slack(1) >= canvas.pixel_centre(0)
+            && low(1) - slack(1) <= canvas.pixel_centre(canvas.height)
             && low(2) - slack(2) < canvas.ceiling;
         let Some(tiles) = tiles.filter(|_| inside) else { return inside };
-        let columns = centres(low(0) - slack(0), high(0) + slack(0), canvas.width, canvas.margin);
-        let rows = centres(low(1) - slack(1), high(1) + slack(1), canvas.height, canvas.margin);
-        columns.0 < columns.1 && rows.0 < rows.1 && tiles.any(columns, rows)
+        let columns = centre_range(low(0) - slack(0), high(0) + slack(0), canvas.width, canvas.margin);
+        let rows = centre_range(low(1) - slack(1), high(1) + slack(1), canvas.height, canvas.margin);
+        columns.0 < columns.1 && rows.0 < rows.1 && tiles.any_wanted(columns, rows)
     }
 }
 
-/// Lowers `heights` (mm over the pad, the ceiling to begin with) to the object wherever that lies below.
-pub fn raster(object: &Clusters, projection: &Projection, canvas: Canvas, heights: &mut Grid<f32>) {
-    dispatch(Raster { object, projection, canvas, heights });
+/// Lowers `heights` (mm over the pad, initially the ceiling) to the object wherever the object lies below.
+pub fn rasterise(object: &Clusters, projection: &OrthographicProjection, canvas: Canvas, heights: &mut Grid<f32>) {
+    dispatch_kernel(RasterKernel { object, projection, canvas, heights });
 }
 
-/// Names its vectors: left to the compiler, pixels are taken one by one.
-struct Raster<'a> {
+/// A kernel that names its vectors: the compiler on its own processes pixels one by one.
+struct RasterKernel<'a> {
     object: &'a Clusters,
-    projection: &'a Projection,
+    projection: &'a OrthographicProjection,
     canvas: Canvas,
     heights: &'a mut Grid<f32>,
 }
 
-impl WithSimd for Raster<'_> {
+impl WithSimd for RasterKernel<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { object, projection, canvas, heights } = self;
-        let mut seen = Seen::default();
+        let mut seen = ProjectedVertices::default();
         object.query(
             #[inline(always)]
             |min, max| projection.may_touch(canvas, 0.0, None, min, max),
             #[inline(always)]
-            |part: Part<'_>| {
-                seen.look(&part, projection, canvas);
+            |part: ClusterPart<'_>| {
+                seen.project_part(&part, projection, canvas);
                 for corners in part.corners {
+                    // The remainder changes nothing, but tells the compiler that the indices are in range.
                     let [a, b, c] = corners.map(|at| at as usize % MAX_VERTICES);
-                    if seen.covers_a_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
-                        triangle(simd, [seen.corner(a), seen.corner(b), seen.corner(c)], canvas, heights);
+                    if seen.may_cover_centre(a, b, c) && seen.z[a].min(seen.z[b]).min(seen.z[c]) < canvas.ceiling {
+                        rasterise_triangle(simd, [seen.vertex(a), seen.vertex(b), seen.vertex(c)], canvas, heights);
                     }
                 }
             },
@@ -141,69 +143,71 @@ impl WithSimd for Raster<'_> {
     }
 }
 
-/// The vertices of a part as the camera sees them.
-struct Seen {
+/// The vertices of a part, projected.
+struct ProjectedVertices {
     /// Column, px.
     x: [f32; MAX_VERTICES],
     /// Row, px.
     y: [f32; MAX_VERTICES],
     /// Height over the pad, mm.
     z: [f32; MAX_VERTICES],
-    /// Where the vertex lies among the pixel centres: column half, row half.
+    /// Position of the vertex among the pixel centres: the column's [`centre_key`] in the upper half, the row's in the
+    /// lower.
     key: [u32; MAX_VERTICES],
 }
 
-impl Default for Seen {
+impl Default for ProjectedVertices {
     fn default() -> Self {
         let zeros = [0.0; MAX_VERTICES];
         Self { x: zeros, y: zeros, z: zeros, key: [0; MAX_VERTICES] }
     }
 }
 
-impl Seen {
+impl ProjectedVertices {
     #[inline(always)]
-    fn look(&mut self, part: &Part<'_>, projection: &Projection, canvas: Canvas) {
+    fn project_part(&mut self, part: &ClusterPart<'_>, projection: &OrthographicProjection, canvas: Canvas) {
         let count = part.x.len().min(MAX_VERTICES);
         let (px, py, pz) = (&part.x[..count], &part.y[..count], &part.z[..count]);
         let (x, y) = (&mut self.x[..count], &mut self.y[..count]);
         let (z, key) = (&mut self.z[..count], &mut self.key[..count]);
         for i in 0..count {
-            x[i] = projection.map(0, px[i], py[i], pz[i]);
-            y[i] = projection.map(1, px[i], py[i], pz[i]);
-            z[i] = projection.map(2, px[i], py[i], pz[i]);
-            key[i] = place(x[i], canvas.width, canvas.margin) << 16 | place(y[i], canvas.height, canvas.margin);
+            x[i] = projection.project_axis(0, px[i], py[i], pz[i]);
+            y[i] = projection.project_axis(1, px[i], py[i], pz[i]);
+            z[i] = projection.project_axis(2, px[i], py[i], pz[i]);
+            key[i] =
+                centre_key(x[i], canvas.width, canvas.margin) << 16 | centre_key(y[i], canvas.height, canvas.margin);
         }
     }
 
-    /// False if all pixel centres lie outside the triangle's bounding box.
+    /// Returns false if all pixel centres lie outside the triangle's bounding box.
     #[inline(always)]
-    fn covers_a_centre(&self, a: usize, b: usize, c: usize) -> bool {
+    fn may_cover_centre(&self, a: usize, b: usize, c: usize) -> bool {
         let differs = (self.key[a] ^ self.key[b]) | (self.key[a] ^ self.key[c]);
         (differs >> 16 != 0) & (differs & 0xffff != 0)
     }
 
     #[inline(always)]
-    fn corner(&self, at: usize) -> [f32; 3] {
+    fn vertex(&self, at: usize) -> [f32; 3] {
         [self.x[at], self.y[at], self.z[at]]
     }
 }
 
-/// Where a coordinate lies among the pixel centres: twice the number of centres below it, plus one if it is on a
-/// centre itself. Coordinates with the same place have no centre between them. Exact: taking off the whole part of a
-/// float leaves no rounding. With at most 8192 px and their margins it fits 16 bits.
+/// Returns the position of a coordinate among the pixel centres: twice the number of centres below it, plus one if it
+/// is on a centre itself. Between coordinates with the same key there is no centre. The key is exact, as removing the
+/// whole part of a float does not round. With at most 8192 px and their margins it fits in 16 bits.
 #[inline(always)]
-fn place(px: f32, size: usize, margin: usize) -> u32 {
+fn centre_key(px: f32, size: usize, margin: usize) -> u32 {
     let margin = margin as i32;
-    // NaN stays NaN and becomes 0 in the cast.
+    // NaN remains NaN, and the cast turns it into 0.
     let near = px.clamp((-margin - 1) as f32, (size as i32 - margin) as f32);
     let whole = near.floor();
     let rest = near - whole;
     (2 * (whole as i32 + margin + 1) + i32::from(rest > 0.5) + i32::from(rest >= 0.5)) as u32
 }
 
-/// First and one past the last of the image's columns (or rows) whose centre lies within `min..=max`, cut to `0..end`.
+/// Returns the first column (or row) whose centre lies within `min..=max`, and one past the last, both cut to `0..end`.
 #[inline(always)]
-fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
+fn centre_range(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
     let margin = margin as i32;
     let cut = |px: f32| px.clamp((-margin - 1) as f32, (end as i32 - margin) as f32);
     let (low, high) = (cut(min), cut(max));
@@ -212,46 +216,46 @@ fn centres(min: f32, max: f32, end: usize, margin: usize) -> (usize, usize) {
     (first.max(0) as usize, last.clamp(0, end as i32) as usize)
 }
 
-/// Rasterises one triangle: corners in px, px, mm.
+/// Rasterises one triangle, whose corners are in px, px and mm.
 #[inline(always)]
-fn triangle<S: Simd>(simd: S, [a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
-    let (x0, x1) = centres(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
-    let (y0, y1) = centres(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
+fn rasterise_triangle<S: Simd>(simd: S, [a, b, c]: [[f32; 3]; 3], canvas: Canvas, heights: &mut Grid<f32>) {
+    let (x0, x1) = centre_range(a[0].min(b[0]).min(c[0]), a[0].max(b[0]).max(c[0]), canvas.width, canvas.margin);
+    let (y0, y1) = centre_range(a[1].min(b[1]).min(c[1]), a[1].max(b[1]).max(c[1]), canvas.height, canvas.margin);
     if x0 >= x1 || y0 >= y1 {
         return;
     }
     for y in y0..y1 {
-        let py = canvas.centre(y);
+        let py = canvas.pixel_centre(y);
         let (x0, x1) = match x1 - x0 {
-            // Eight pixels at once take less time than a few one by one; those outside change nothing.
+            // Eight pixels at once take less time than a few one by one; the pixels outside the triangle do not change.
             3..=8 if x0 + 8 <= canvas.width => (x0, x0 + 8),
             0..=8 => (x0, x1),
-            _ => span([a, b, c], py, 0.0, (x0, x1), canvas.margin),
+            _ => row_span([a, b, c], py, 0.0, (x0, x1), canvas.margin),
         };
         let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
-        let mut x = canvas.centre(x0);
+        let mut x = canvas.pixel_centre(x0);
         let mut eights = row.chunks_exact_mut(8);
         for eight in &mut eights {
-            let places = S::as_simd_f32s(&EIGHT).0;
+            let places = S::as_simd_f32s(&LANE_OFFSETS).0;
             for (values, place) in S::as_mut_simd_f32s(eight).0.iter_mut().zip(places) {
                 let point = [simd.add_f32s(simd.splat_f32s(x), *place), simd.splat_f32s(py)];
-                *values = lowered(simd, *values, [a, b, c], point);
+                *values = lower_to_triangle(simd, *values, [a, b, c], point);
             }
             x += 8.0;
         }
         for value in eights.into_remainder() {
-            *value = lowered(Scalar, *value, [a, b, c], [x, py]);
+            *value = lower_to_triangle(Scalar, *value, [a, b, c], [x, py]);
             x += 1.0;
         }
     }
 }
 
-/// Places of eight pixels after the first.
-const EIGHT: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// Offsets of eight pixels from the first.
+const LANE_OFFSETS: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 
-/// Heights at points, lowered to a triangle where that covers them from below.
+/// Lowers heights at points to a triangle where it covers them and lies below.
 #[inline(always)]
-fn lowered<S: Simd>(simd: S, heights: S::f32s, corners: [[f32; 3]; 3], point: [S::f32s; 2]) -> S::f32s {
+fn lower_to_triangle<S: Simd>(simd: S, heights: S::f32s, corners: [[f32; 3]; 3], point: [S::f32s; 2]) -> S::f32s {
     let from = |k: usize, corner: [f32; 3]| simd.sub_f32s(simd.splat_f32s(corner[k]), point[k]);
     let [[ax, ay], [bx, by], [cx, cy]] = corners.map(|corner| [from(0, corner), from(1, corner)]);
     let cross = |px, qy, py, qx| simd.sub_f32s(simd.mul_f32s(px, qy), simd.mul_f32s(py, qx));
@@ -263,15 +267,15 @@ fn lowered<S: Simd>(simd: S, heights: S::f32s, corners: [[f32; 3]; 3], point: [S
     let sum = |[a, b, c]: [S::f32s; 3]| simd.add_f32s(simd.add_f32s(a, b), c);
     let of = |k: usize| simd.mul_f32s(edges[k], simd.splat_f32s(corners[k][2]));
     let height = simd.div_f32s(sum([of(0), of(1), of(2)]), sum(edges));
-    // A triangle seen edge-on gives 0 / 0: not below anything.
+    // A triangle seen edge-on gives 0 / 0, and NaN is not below anything.
     let is_lower = simd.and_m32s(simd.or_m32s(left, right), simd.less_than_f32s(height, heights));
     simd.select_f32s(is_lower, height, heights)
 }
 
-/// Columns of a row at height `py` that a triangle can cover within `reach` of their centres, a little too many rather than
-/// one too few.
+/// Returns the columns of a row at height `py` that a triangle can cover within `reach` of their centres; rather a few
+/// too many than one too few.
 #[inline(always)]
-fn span([a, b, c]: [[f32; 3]; 3], py: f32, reach: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
+fn row_span([a, b, c]: [[f32; 3]; 3], py: f32, reach: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
     let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
     for (p, q) in [(a, b), (b, c), (c, a)] {
         let (low, high) = (p[1].min(q[1]), p[1].max(q[1]));
@@ -280,7 +284,7 @@ fn span([a, b, c]: [[f32; 3]; 3], py: f32, reach: f32, (x0, x1): (usize, usize),
         }
         for y in [py - reach, py + reach] {
             let along = ((y - p[1]) / (q[1] - p[1])).clamp(0.0, 1.0);
-            // NaN for a level edge: both of its ends count.
+            // NaN for a horizontal edge: then both of its ends count.
             let at = p[0] + along * (q[0] - p[0]);
             let (from, to) = if along.is_nan() { (p[0], q[0]) } else { (at, at) };
             min = min.min(from).min(to);
@@ -288,7 +292,7 @@ fn span([a, b, c]: [[f32; 3]; 3], py: f32, reach: f32, (x0, x1): (usize, usize),
         }
     }
     let slack = 1.0 + 1e-5 * (min.abs() + max.abs());
-    let (first, end) = centres(min - slack, max + slack, x1, margin);
+    let (first, end) = centre_range(min - slack, max + slack, x1, margin);
     let first = first.max(x0);
     (first, end.max(first))
 }

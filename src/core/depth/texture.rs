@@ -1,17 +1,17 @@
 //! Micro-texture: a fine relief cut into the object's surface, applied to its depth map.
 //!
-//! Peaks of the relief stay on the mesh and valleys lie the amplitude below, so an object never reaches deeper than
-//! its mesh does. Heights are along the pad's normal, not the object's, and the pattern is laid out in the pad's plane:
-//! right where the object faces the pad. On a flank inclined by t the pattern is stretched by 1 / cos t along the slope
-//! and its depth across the surface is cos t times the amplitude. The model is ours.
+//! Peaks of the relief stay on the mesh and valleys lie the amplitude below, so an object never reaches deeper than its
+//! mesh. Heights are along the pad's normal, not the object's, and the pattern is laid out in the pad's plane. This is
+//! exact where the object faces the pad. On a flank inclined by t, the pattern is stretched by 1 / cos t along the
+//! slope, and its depth across the surface is cos t times the amplitude. The model is gelsim's own.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::Depth;
-use super::places::Places;
-use super::relief::{BLOCK, Level, Relief, repeating};
+use super::chart_grid::ChartGrid;
+use super::relief::{BLOCK_PX, Relief, ReliefLevel, tile_coordinate};
 use crate::base::angle::sin_cos_deg;
 use crate::base::grid::Grid;
 use crate::base::simd::simd_dispatch;
@@ -25,56 +25,57 @@ pub struct Texture {
     pub relief: Arc<Relief>,
     /// How it lies on the object in this press.
     pub sample: TextureSample,
-    /// Where the pattern's origin is; `None`: at the object's, turned with it. The two differ where an object rolls.
-    pub laid: Option<TexturePlacement>,
+    /// Where the pattern's origin is. With `None` it is at the object's origin, and the pattern turns with the object.
+    /// The two differ where an object rolls.
+    pub placement: Option<TexturePlacement>,
 }
 
-/// Where a pattern lies in the pad's plane; on a gel that is not flat, in the plane that the object is posed over.
+/// Where a pattern lies in the pad's plane; on a curved gel, in the plane that the object is posed over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TexturePlacement {
-    /// Its origin, mm.
+    /// Origin of the pattern, mm.
     pub origin_mm: [f64; 2],
-    /// Its turn, degrees from x towards y.
+    /// Rotation of the pattern, degrees from x towards y.
     pub yaw_deg: f64,
 }
 
 impl TexturePlacement {
-    /// At an object's own origin.
-    pub fn with(pose: &Pose) -> Self {
-        Self::over(pose, &PadPlane::default())
+    /// Places the pattern at an object's own origin on the flat pad.
+    pub fn at_pose(pose: &Pose) -> Self {
+        Self::at_pose_over(pose, &PadPlane::default())
     }
 
-    /// The same over a plane.
-    pub(crate) fn over(pose: &Pose, plane: &PadPlane) -> Self {
-        let DVec3 { x, y, .. } = plane.seen_from(pose.translation_mm);
+    /// Places the pattern at an object's own origin in a plane.
+    pub(crate) fn at_pose_over(pose: &Pose, plane: &PadPlane) -> Self {
+        let DVec3 { x, y, .. } = plane.point_in_plane(pose.translation_mm);
         Self { origin_mm: [x, y], yaw_deg: pose.angles.yaw_deg }
     }
 }
 
 impl Texture {
-    /// The same with its origin elsewhere.
-    pub fn laid_out(&self, laid: TexturePlacement) -> Self {
-        Self { laid: Some(laid), ..self.clone() }
+    /// Returns the texture with another placement.
+    pub fn with_placement(&self, placement: TexturePlacement) -> Self {
+        Self { placement: Some(placement), ..self.clone() }
     }
 }
 
 /// The texture of one press.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureSample {
-    /// How far valleys lie below peaks, mm; nothing is cut below 0 or if NaN.
+    /// Height of peaks over valleys, mm; 0, a negative number or NaN cuts nothing.
     pub amplitude_mm: f64,
-    /// The pattern's scale, mm; the surface is lowered evenly if it is 0 or not finite.
+    /// The pattern's scale, mm; if it is 0 or not finite, the surface is lowered evenly.
     pub scale_mm: f64,
-    /// Turn on the object about z, degrees, from x towards y.
+    /// Rotation on the object about z, degrees, from x towards y.
     pub angle_deg: f64,
-    /// The point of the pattern's tile that lies on the object's origin, 0 to 1 along each side.
+    /// The point of the pattern's tile that lies at the object's origin, 0 to 1 along each side.
     pub offset: [f64; 2],
 }
 
 impl Relief {
-    /// Cuts the relief into an object captured no higher than `above_mm` over the pad. `origin_mm` is the object's
-    /// translation and `yaw_deg` its turn, with which the pattern goes. Nothing rises, and nothing falls below minus
-    /// `above_mm`; where there is no object nothing changes.
+    /// Cuts the relief into an object captured up to `above_mm` over the pad. `origin_mm` is the object's translation
+    /// and `yaw_deg` its rotation, which the pattern follows. No value rises or falls below minus `above_mm`, and where
+    /// there is no object nothing changes.
     pub fn cut(
         &self,
         cut: &TextureSample,
@@ -86,64 +87,71 @@ impl Relief {
     ) {
         if cut.amplitude_mm > 0.0 {
             let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
-            let level = self.level(cut.scale_mm, view.mm_per_px[0].max(view.mm_per_px[1]));
-            let path = Path::new(cut, origin_mm, yaw_deg, view, depth.margin_px, self.tile_mm(cut.scale_mm));
+            let level = self.level_for(cut.scale_mm, view.mm_per_px[0].max(view.mm_per_px[1]));
+            let path = TileMapping::new(cut, origin_mm, yaw_deg, view, depth.margin_px, self.tile_mm(cut.scale_mm));
             let floor = 0.0 - above_mm as f32;
             simd_dispatch(
                 #[inline(always)]
-                || lower(level, &path, amplitude, floor, &mut depth.penetration),
+                || cut_relief(level, &path, amplitude, floor, &mut depth.penetration),
             );
             depth.measure();
         }
     }
 }
 
-/// Cuts a texture into an object captured along the normals of a gel that is not flat, at the nodes of a chart; see
-/// [`Relief::cut`]. The pattern is laid out in the plane that the object is posed over, and lies on the object's own surface.
-pub fn cut_along_normals(texture: &Texture, posed: &Posed<'_>, places: &Places<'_>, above_mm: f64, depth: &mut Depth) {
-    let Texture { relief, sample: cut, laid } = texture;
+/// Cuts a texture into an object captured along the normals of a curved gel, at the nodes of a chart; see
+/// [`Relief::cut`]. The pattern is laid out in the plane that the object is posed over, and lies on the object's own
+/// surface.
+pub fn cut_along_normals(
+    texture: &Texture,
+    posed: &PosedObject<'_>,
+    places: &ChartGrid<'_>,
+    above_mm: f64,
+    depth: &mut Depth,
+) {
+    let Texture { relief, sample: cut, placement } = texture;
     let cuts = cut.amplitude_mm > 0.0;
     if !cuts {
         return;
     }
     let TexturePlacement { origin_mm, yaw_deg } =
-        laid.unwrap_or_else(|| TexturePlacement::over(posed.pose, posed.plane));
+        placement.unwrap_or_else(|| TexturePlacement::at_pose_over(posed.pose, posed.plane));
     let amplitude = cut.amplitude_mm.min(f64::from(f32::MAX)) as f32;
-    let level = relief.level(cut.scale_mm, places.pitch_mm[0].max(places.pitch_mm[1]));
+    let level = relief.level_for(cut.scale_mm, places.spacing_mm[0].max(places.spacing_mm[1]));
     let tile_mm = relief.tile_mm(cut.scale_mm);
     let (sin, cos) = sin_cos_deg(yaw_deg + cut.angle_deg);
     let floor = 0.0 - above_mm as f32;
     for y in 0..depth.penetration.height {
         for (x, value) in depth.penetration.row_mut(y).iter_mut().enumerate().filter(|(_, value)| **value > floor) {
-            let rest = places.chart.rest((places.place)([x, y]));
+            let rest = places.chart.surface_frame((places.position_mm)([x, y]));
             let on_object = rest.point_mm - f64::from(*value) * rest.normal;
-            let at = posed.plane.seen_from(on_object);
+            let at = posed.plane.point_in_plane(on_object);
             let (x, y) = (at.x - origin_mm[0], at.y - origin_mm[1]);
             let on_tile = [(x * cos + y * sin) / tile_mm[0], (y * cos - x * sin) / tile_mm[1]];
-            let valley = level.at([0, 1].map(|k| repeating(on_tile[k] + cut.offset[k])));
+            let valley = level.valley_at([0, 1].map(|k| tile_coordinate(on_tile[k] + cut.offset[k])));
             *value = (*value - amplitude * valley.min(1.0)).max(floor);
         }
     }
     depth.measure();
 }
 
-/// An object as it is posed over a plane.
+/// An object posed over a plane.
 #[derive(Clone, Copy, Debug)]
-pub struct Posed<'a> {
-    /// Where it is, in the sensor's frame.
+pub struct PosedObject<'a> {
+    /// Pose of the object in the sensor's frame.
     pub pose: &'a Pose,
     /// The plane.
     pub plane: &'a PadPlane,
 }
 
-/// Where pixels are on the tile, in tiles.
-struct Path {
+/// Maps pixels to the tile, in units of tiles.
+struct TileMapping {
     start: [f64; 2],
     per_column: [f64; 2],
     per_row: [f64; 2],
 }
 
-impl Path {
+impl TileMapping {
     fn new(
         cut: &TextureSample,
         origin_mm: [f64; 2],
@@ -166,27 +174,29 @@ impl Path {
         }
     }
 
-    /// Of the first pixel in a row.
-    fn row(&self, y: usize) -> [u32; 2] {
-        std::array::from_fn(|k| repeating(self.start[k] + y as f64 * self.per_row[k]))
+    /// Returns the tile coordinates of the first pixel of a row.
+    fn row_start(&self, y: usize) -> [u32; 2] {
+        std::array::from_fn(|k| tile_coordinate(self.start[k] + y as f64 * self.per_row[k]))
     }
 }
 
 #[inline(always)]
-fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, penetration: &mut Grid<f32>) {
-    let step = path.per_column.map(repeating);
-    let mut valleys = [0.0; BLOCK];
+fn cut_relief(level: &ReliefLevel, path: &TileMapping, amplitude: f32, floor: f32, penetration: &mut Grid<f32>) {
+    // Integer coordinates wrap around at the tile's side; a row is processed only where the object was captured.
+    let step = path.per_column.map(tile_coordinate);
+    let mut valleys = [0.0; BLOCK_PX];
     for y in 0..penetration.height {
-        let start = path.row(y);
+        let start = path.row_start(y);
         let row = penetration.row_mut(y);
+        // Only from the first to the last captured pixel of the row.
         let Some(first) = row.iter().position(|mm| *mm > floor) else { continue };
         let last = row.iter().rposition(|mm| *mm > floor).unwrap_or(first);
-        for (block, part) in row[first..=last].chunks_mut(BLOCK).enumerate() {
-            let x = (first + block * BLOCK) as u32;
+        for (block, part) in row[first..=last].chunks_mut(BLOCK_PX).enumerate() {
+            let x = (first + block * BLOCK_PX) as u32;
             let start = [0, 1].map(|k| start[k].wrapping_add(step[k].wrapping_mul(x)));
-            level.along(start, step, &mut valleys);
+            level.valleys_along(start, step, &mut valleys);
             for (value, valley) in part.iter_mut().zip(&valleys) {
-                // Weights may sum to a little over 1.
+                // Rounding may let the weights sum to slightly more than 1.
                 let lowered = (*value - amplitude * valley.min(1.0)).max(floor);
                 *value = if *value > floor { lowered } else { *value };
             }
@@ -198,7 +208,7 @@ fn lower(level: &Level, path: &Path, amplitude: f32, floor: f32, penetration: &m
 mod tests {
     use super::*;
     use crate::base::grid::{Rect, bounding_box};
-    use crate::base::rng::stream;
+    use crate::base::rng::random_stream;
     use crate::base::simd::scalar_only;
     use crate::depth::patterns::Procedural;
 
@@ -236,11 +246,11 @@ mod tests {
 
     /// Heights between -0.1 and 0.5 mm with holes at -0.1 mm, and a margin of two pixels.
     fn rough() -> Depth {
-        let mut random = stream(3, "relief", 0);
+        let mut random = random_stream(3, "relief", 0);
         let mut penetration = Grid::new(100, 68);
         for value in &mut penetration.data {
-            *value = (0.6 * random.unit().min(0.8) as f32 + 0.02).min(0.45) - 0.1;
-            if random.unit() < 0.3 {
+            *value = (0.6 * random.uniform().min(0.8) as f32 + 0.02).min(0.45) - 0.1;
+            if random.uniform() < 0.3 {
                 *value = -0.1;
             }
         }

@@ -1,13 +1,13 @@
-//! The pad as a pyramid of Gaussian blurs of the depth map, the contact restored after each.
+//! The pad as a pyramid of Gaussian blurs of the depth map; the contact is restored after each blur.
 //!
-//! Source: Si and Yuan (2022), "Taxim: an example-based simulation model for GelSight tactile sensors", section III-B:
-//! blurs from wide to narrow, each followed by putting the object's own surface back where it reaches into the pad, and
-//! a last narrow one that softens the rim. Nearer to a soft pad than a mean blur, but it cannot bulge, takes the whole
-//! overlap for contact, and knows no force.
+//! Source: Si and Yuan (2022), "Taxim: an example-based simulation model for GelSight tactile sensors", section III-B.
+//! Blurs go from wide to narrow. After each, the object's own surface is restored where it reaches into the pad; a last
+//! narrow blur softens the rim. The result is closer to a soft pad than a mean blur. But the pad cannot bulge, all of
+//! the penetration counts as contact, and there is no force.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Contact, Numerics, untouched};
+use super::{Contact, Numerics, no_contact};
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
 use crate::base::view::SURFACE_BORDER;
@@ -31,7 +31,7 @@ impl Default for Gaussian {
 }
 
 impl Gaussian {
-    /// How far a value spreads, px.
+    /// Returns how far a value spreads, px.
     pub fn reach_px(&self) -> usize {
         self.kernels_px.iter().chain([&self.smoothing_px]).map(|width| *width as usize / 2).sum()
     }
@@ -41,10 +41,10 @@ impl Gaussian {
 pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
     let margin = depth.margin_px;
     let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
-    let mut contact = untouched(width, height, None, Numerics::DIRECT);
+    let mut contact = no_contact(width, height, None, Numerics::DIRECT);
     let area = depth.touching.grown(gaussian.reach_px(), depth.penetration.width, depth.penetration.height);
     let corner = margin.saturating_sub(SURFACE_BORDER);
-    contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
+    contact.region = area.in_window(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
         return contact;
     }
@@ -52,12 +52,12 @@ pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
     let mut surface = penetration.clone();
     let mut spare = Grid::new(surface.width, surface.height);
     for kernel_px in &gaussian.kernels_px {
-        blur(&mut surface, &mut spare, *kernel_px);
+        blur_in_place(&mut surface, &mut spare, *kernel_px);
         for (surface, object) in surface.data.iter_mut().zip(&penetration.data) {
             *surface = if *object > 0.0 { *object } else { *surface };
         }
     }
-    blur(&mut surface, &mut spare, gaussian.smoothing_px);
+    blur_in_place(&mut surface, &mut spare, gaussian.smoothing_px);
     contact.finite = surface.data.iter().all(|value| value.is_finite());
     let window =
         Rect { x0: corner, y0: corner, x1: corner + contact.surface.width, y1: corner + contact.surface.height };
@@ -71,17 +71,18 @@ pub fn press(gaussian: &Gaussian, depth: &Depth) -> Contact {
     contact
 }
 
-/// One side of a Gaussian of `width` px from its middle on, as OpenCV chooses it: sigma grows by 0.15 px with each.
-fn weights(width: u32) -> Vec<f32> {
+/// Returns one half of a Gaussian of `width` px, from its centre outwards. Sigma is chosen as OpenCV does: it grows by
+/// 0.15 px per pixel of width.
+fn gaussian_weights(width: u32) -> Vec<f32> {
     let sigma = 0.3 * ((f64::from(width) - 1.0) * 0.5 - 1.0) + 0.8;
     let value = |k: u32| libm::exp(-0.5 * f64::from(k * k) / (sigma * sigma));
     let sum = value(0) + 2.0 * (1..=width / 2).map(value).sum::<f64>();
     (0..=width / 2).map(|k| (value(k) / sum) as f32).collect()
 }
 
-/// Blurs in place; beyond the image the depth is 0.
-fn blur(image: &mut Grid<f32>, spare: &mut Grid<f32>, width_px: u32) {
-    let weights = weights(width_px);
+/// Blurs an image in place; outside the image the depth is 0. `spare` is memory of the same size.
+fn blur_in_place(image: &mut Grid<f32>, spare: &mut Grid<f32>, width_px: u32) {
+    let weights = gaussian_weights(width_px);
     let reach = weights.len() - 1;
     let (width, height) = (image.width, image.height);
     let mut padded = vec![0.0; width + 2 * reach];

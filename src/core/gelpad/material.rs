@@ -1,4 +1,4 @@
-//! What a gelpad is made of.
+//! Material of a gelpad.
 
 /// The elastomer of a pad, bonded to a rigid shell.
 #[derive(Clone, Copy, Debug, PartialEq)]

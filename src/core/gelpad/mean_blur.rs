@@ -1,14 +1,14 @@
-//! The 2019 paper's elastomer: the depth map blurred by repeated means, around the contact.
+//! The elastomer model of the 2019 paper: the depth map blurred by repeated means, around the contact.
 //!
 //! Source: Gomes, Wilson and Luo (2019), text: 5 passes of a 15x15 mean. Where the blurred surface lies deeper than the
-//! object, the pad hangs free and the blur is its shape; where the object lies deeper, the pad touches it. That is the
-//! larger of the two everywhere, so the surface has no step where the object has none (of a vertical wall, half the
-//! height remains one). Valid as a picture only: it cannot bulge, knows no force, and is off by tens of micrometres
-//! beside the contact.
+//! object, the pad hangs free and has the shape of the blur; where the object lies deeper, the pad touches it. The
+//! surface is the deeper of the two everywhere, so it has no step where the object has none (at a vertical wall, a step
+//! of half its height remains). The model is good for images only: the pad cannot bulge, there is no force, and beside
+//! the contact the surface is off by tens of micrometres.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Contact, Numerics, untouched};
+use super::{Contact, Numerics, no_contact};
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
 use crate::base::view::SURFACE_BORDER;
@@ -32,7 +32,7 @@ impl Default for MeanBlur {
 }
 
 impl MeanBlur {
-    /// How far a value spreads, px.
+    /// Returns how far a value spreads, px.
     pub fn reach_px(self) -> usize {
         (self.kernel_px as usize / 2) * self.passes as usize
     }
@@ -44,10 +44,10 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
     let penetration = &depth.penetration;
     let (width, height) = (penetration.width - 2 * margin, penetration.height - 2 * margin);
     let touching = depth.touching;
-    let mut contact = untouched(width, height, None, Numerics::DIRECT);
+    let mut contact = no_contact(width, height, None, Numerics::DIRECT);
     let area = touching.grown(blur.reach_px(), penetration.width, penetration.height);
     let corner = margin.saturating_sub(SURFACE_BORDER);
-    contact.region = area.seen_from(corner, corner, contact.surface.width, contact.surface.height);
+    contact.region = area.in_window(corner, corner, contact.surface.width, contact.surface.height);
     if contact.region.is_empty() {
         return contact;
     }
@@ -55,19 +55,20 @@ pub fn press(blur: &MeanBlur, depth: &Depth) -> Contact {
         #[inline(always)]
         || {
             let blurred = mean_blur(penetration, area, blur.kernel_px as usize, blur.passes as usize);
-            join(&blurred, area, depth, &mut contact);
+            merge_with_object(&blurred, area, depth, &mut contact);
         },
     );
     contact
 }
 
-/// A pad that hangs this close to the object touches it, mm. The blur of a plane is the plane: without some slack,
-/// rounding would decide.
-const TOUCHING_MM: f32 = 1e-3;
+/// Where the pad hangs this close to the object, it touches it, mm. The blur of a plane is the plane itself: without a
+/// gap, rounding would decide.
+const CONTACT_GAP_MM: f32 = 1e-3;
 
-/// Takes the deeper of hanging pad and object as the surface; they touch where the object is not the shallower.
+/// Takes the deeper of the hanging pad and the object as the surface. They touch where the pad is at most the contact
+/// gap deeper than the object.
 #[inline(always)]
-fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
+fn merge_with_object(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
     let region = contact.region;
     let corner = depth.margin_px - SURFACE_BORDER;
     for y in region.y0..region.y1 {
@@ -78,67 +79,70 @@ fn join(blurred: &Grid<f32>, area: Rect, depth: &Depth, contact: &mut Contact) {
         let mut not_finite = 0_u32;
         for ((surface, hanging), object) in surface.iter_mut().zip(hanging).zip(object) {
             *surface = if hanging > object { *hanging } else { *object };
+            // x * 0.0 != 0.0 holds for NaN and infinities only, and vectorises.
             not_finite += u32::from(*surface * 0.0 != 0.0);
         }
         contact.finite &= not_finite == 0;
     }
     let (width, height) = (contact.mask.width, contact.mask.height);
-    let view = depth.touching.seen_from(depth.margin_px, depth.margin_px, width, height);
+    let view = depth.touching.in_window(depth.margin_px, depth.margin_px, width, height);
     for y in view.y0..view.y1 {
         let surface = &contact.surface.row(y + SURFACE_BORDER)[SURFACE_BORDER + view.x0..SURFACE_BORDER + view.x1];
         let object = &depth.penetration.row(y + depth.margin_px)[depth.margin_px + view.x0..depth.margin_px + view.x1];
         let mask = &mut contact.mask.row_mut(y)[view.x0..view.x1];
         for ((mask, surface), object) in mask.iter_mut().zip(surface).zip(object) {
-            *mask = if (*object > 0.0) & (surface - object <= TOUCHING_MM) { 255 } else { 0 };
+            *mask = if (*object > 0.0) & (surface - object <= CONTACT_GAP_MM) { 255 } else { 0 };
         }
     }
 }
 
-/// A part of an image after `passes` means of `kernel` x `kernel`; beyond the part the depth is 0.
+/// Returns a part of an image after `passes` means of `kernel` x `kernel`; outside the part the depth is 0.
 ///
-/// Means along rows and along columns commute, so all passes of one direction are done while a line is in cache.
+/// Means along rows and along columns commute, so all passes along one direction are done while a line is in cache.
 #[inline(always)]
 pub fn mean_blur(image: &Grid<f32>, part: Rect, kernel: usize, passes: usize) -> Grid<f32> {
     let (width, height) = (part.width(), part.height());
     let mut blurred = Grid { width, height, data: Vec::with_capacity(width * height) };
-    let mut row_means = Means::new(kernel, width, 1);
+    let mut row_means = LineMeans::new(kernel, width, 1);
     for y in part.y0..part.y1 {
         let row = &image.row(y)[part.x0..part.x1];
-        // Rows above, below and between contacts stay what they are.
+        // Rows above, below and between contacts stay 0.
         if row.iter().all(|value| *value == 0.0) {
             blurred.data.extend_from_slice(row);
             continue;
         }
-        row_means.cells().copy_from_slice(row);
-        row_means.repeat(passes);
-        blurred.data.extend_from_slice(row_means.cells());
+        row_means.line_mut().copy_from_slice(row);
+        row_means.apply_means(passes);
+        blurred.data.extend_from_slice(row_means.line_mut());
     }
-    let mut column_means = Means::new(kernel, height, STRIP.min(width));
-    for x in (0..width).step_by(STRIP) {
-        let strip = STRIP.min(width - x);
+    let mut column_means = LineMeans::new(kernel, height, STRIP_COLUMNS.min(width));
+    for x in (0..width).step_by(STRIP_COLUMNS) {
+        let strip = STRIP_COLUMNS.min(width - x);
+        // The last strip may be narrower.
         if strip < column_means.stride {
-            column_means = Means::new(kernel, height, strip);
+            column_means = LineMeans::new(kernel, height, strip);
         }
-        for (cells, row) in column_means.cells().chunks_exact_mut(strip).zip(blurred.data.chunks_exact(width)) {
+        for (cells, row) in column_means.line_mut().chunks_exact_mut(strip).zip(blurred.data.chunks_exact(width)) {
             cells.copy_from_slice(&row[x..x + strip]);
         }
-        column_means.repeat(passes);
-        for (cells, row) in column_means.cells().chunks_exact(strip).zip(blurred.data.chunks_exact_mut(width)) {
+        column_means.apply_means(passes);
+        for (cells, row) in column_means.line_mut().chunks_exact(strip).zip(blurred.data.chunks_exact_mut(width)) {
             row[x..x + strip].copy_from_slice(cells);
         }
     }
     blurred
 }
 
-/// Columns that are averaged at a time: a strip of 600 rows and its sums stay within the L2 cache.
-const STRIP: usize = 16;
+/// Number of columns that are averaged at a time: a strip of 600 rows and its sums stays within the L2 cache.
+const STRIP_COLUMNS: usize = 16;
 
-/// Means of `kernel` neighbours along a line of `count` cells of `stride` numbers each, 0 beyond its ends.
+/// Computes means of `kernel` neighbours along a line of `count` cells of `stride` numbers each; outside the line there
+/// are zeros.
 ///
-/// The sum of 15 is put together from the sums of 8, 4, 2 and 1 neighbours. Unlike a sum that runs along and
-/// subtracts what it leaves behind, this never drifts: what is 0 within reach stays exactly 0, nothing becomes
-/// negative, and every step is the same for many cells at once.
-struct Means {
+/// The sum of 15 neighbours is built from the sums of 8, 4, 2 and 1. Unlike a running sum that subtracts the values it
+/// leaves behind, this never drifts: a value whose neighbours are 0 stays exactly 0, no value becomes negative, and
+/// every step is the same for many cells at once.
+struct LineMeans {
     kernel: usize,
     stride: usize,
     start: usize,
@@ -146,11 +150,11 @@ struct Means {
     size: usize,
     /// sums[k][i] is the sum of 2^k cells from i on; sums[0] is the line itself between zeros.
     sums: Vec<Vec<f32>>,
-    /// The line that comes next, likewise between zeros.
+    /// The next line, between zeros too.
     next: Vec<f32>,
 }
 
-impl Means {
+impl LineMeans {
     fn new(kernel: usize, count: usize, stride: usize) -> Self {
         let start = kernel / 2 * stride;
         let size = count * stride;
@@ -160,30 +164,30 @@ impl Means {
     }
 
     #[inline(always)]
-    fn cells(&mut self) -> &mut [f32] {
+    fn line_mut(&mut self) -> &mut [f32] {
         &mut self.sums[0][self.start..][..self.size]
     }
 
     #[inline(always)]
-    fn repeat(&mut self, passes: usize) {
+    fn apply_means(&mut self, passes: usize) {
         for _ in 0..passes {
             for level in 1..self.sums.len() {
                 let shift = self.stride << (level - 1);
                 let (lower, upper) = self.sums.split_at_mut(level);
-                // Sums of 2^level cells are whole up to so far from the end.
+                // Sums of 2^level cells are complete up to this distance from the end.
                 let whole = upper[0].len() - (self.stride << level) + self.stride;
                 let pairs = lower[level - 1][..whole].iter().zip(&lower[level - 1][shift..][..whole]);
                 for (sum, (here, ahead)) in upper[0][..whole].iter_mut().zip(pairs) {
                     *sum = here + ahead;
                 }
             }
-            self.gather();
+            self.combine_sums();
         }
     }
 
-    /// Adds up the sums whose sizes are the kernel's binary digits and makes the means the new line.
+    /// Adds the sums whose sizes are the kernel's binary digits, and makes the means the new line.
     #[inline(always)]
-    fn gather(&mut self) {
+    fn combine_sums(&mut self) {
         let mut terms: [&[f32]; MAX_LEVELS] = [&[]; MAX_LEVELS];
         let (mut count, mut offset) = (0, 0);
         for level in (0..self.sums.len()).rev().filter(|level| self.kernel >> level & 1 == 1) {
@@ -194,25 +198,25 @@ impl Means {
         let out = &mut self.next[self.start..][..self.size];
         let share = 1.0 / self.kernel as f32;
         match count {
-            1 => add::<1>(&terms, share, out),
-            2 => add::<2>(&terms, share, out),
-            3 => add::<3>(&terms, share, out),
-            4 => add::<4>(&terms, share, out),
-            5 => add::<5>(&terms, share, out),
-            6 => add::<6>(&terms, share, out),
-            7 => add::<7>(&terms, share, out),
-            _ => add::<MAX_LEVELS>(&terms, share, out),
+            1 => add_terms::<1>(&terms, share, out),
+            2 => add_terms::<2>(&terms, share, out),
+            3 => add_terms::<3>(&terms, share, out),
+            4 => add_terms::<4>(&terms, share, out),
+            5 => add_terms::<5>(&terms, share, out),
+            6 => add_terms::<6>(&terms, share, out),
+            7 => add_terms::<7>(&terms, share, out),
+            _ => add_terms::<MAX_LEVELS>(&terms, share, out),
         }
         std::mem::swap(&mut self.sums[0], &mut self.next);
     }
 }
 
-/// Binary digits of the largest kernel, 255.
+/// Number of binary digits of the largest kernel, 255.
 const MAX_LEVELS: usize = 8;
 
-/// `out` = `share` times the sum of the first `N` terms.
+/// Sets `out` to `share` times the sum of the first `N` terms.
 #[inline(always)]
-fn add<const N: usize>(terms: &[&[f32]; MAX_LEVELS], share: f32, out: &mut [f32]) {
+fn add_terms<const N: usize>(terms: &[&[f32]; MAX_LEVELS], share: f32, out: &mut [f32]) {
     let terms: [&[f32]; N] = std::array::from_fn(|k| &terms[k][..out.len()]);
     for (i, out) in out.iter_mut().enumerate() {
         let mut sum = terms[0][i];
@@ -289,7 +293,7 @@ mod tests {
                 let surface = contact.surface.at(x + 1, y + 1);
                 let object = depth.penetration.at(x + margin, y + margin);
                 assert!(surface >= object);
-                assert_eq!(contact.mask.at(x, y) == 255, object > 0.0 && surface - object <= TOUCHING_MM);
+                assert_eq!(contact.mask.at(x, y) == 255, object > 0.0 && surface - object <= CONTACT_GAP_MM);
                 largest_step = largest_step.max((contact.surface.at(x + 2, y + 1) - surface).abs());
             }
         }

@@ -1,43 +1,44 @@
-//! From overlap to surface: what shape the pad takes under and around the object.
+//! The gelpad: from the object's penetration to the shape that the pad takes under and around it.
 
 use serde::{Deserialize, Serialize};
 
 use crate::base::grid::{Grid, Rect};
 use crate::base::view::SURFACE_BORDER;
 use crate::base::view::View;
-use crate::depth::beyond::Surroundings;
-use crate::depth::{Depth, Window};
+use crate::depth::outside_window::OutsideCapture;
+use crate::depth::{CaptureWindow, Depth};
 use crate::effects::{Effect, EffectLog, Requirement};
 
 pub mod elastic;
 pub mod gaussian;
 pub mod material;
 pub mod mean_blur;
-pub mod none;
-pub mod object;
+pub mod no_deformation;
+pub mod object_material;
 pub mod planar;
 pub mod sliding;
 pub mod subpixel;
 pub mod tangential;
 pub mod total_contact;
 
-use crate::base::simd::{largest, simd_dispatch};
-use elastic::friction::Drag;
-use elastic::inplane::{InPlane, Load};
+use crate::base::simd::{largest_value, simd_dispatch};
+use elastic::elastic_object::DeformedObject;
+use elastic::friction::FrictionDisplacement;
+use elastic::in_plane::{InPlaneResponse, Load};
 use elastic::layer::ElasticLayer;
 use elastic::shear::Friction;
-use elastic::soft::Yielded;
-use elastic::{Elastic, Given};
+use elastic::{Elastic, PriorDisplacement};
 use gaussian::Gaussian;
 use material::Material;
 use mean_blur::MeanBlur;
-use none::NoDeformation;
-use object::ObjectMaterial;
+use no_deformation::NoDeformation;
+use object_material::ObjectMaterial;
 use subpixel::Subpixel;
 use tangential::TangentialMotion;
-use total_contact::{Beyond, TotalContact};
+use total_contact::{OutsideWindow, TotalContact};
 
-/// Shares of a pad's thickness that presses usually go in: seen well, and within linear theory.
+/// Range of depths that presses usually have, as shares of the pad's thickness: clearly visible, and within linear
+/// theory.
 pub const USUAL_DEPTHS: [f64; 2] = [0.05, 0.3];
 
 /// The models of the gelpad.
@@ -56,7 +57,7 @@ pub enum Model {
 }
 
 impl Model {
-    /// Its name in jobs and labels.
+    /// Returns the model's name in jobs and labels.
     pub fn name(&self) -> &'static str {
         match self {
             Self::None(_) => "none",
@@ -66,7 +67,7 @@ impl Model {
         }
     }
 
-    /// What holds the pad to the object while it is pressed in, if anything does.
+    /// Returns the friction between pad and object during the press; `None` if the model has none.
     pub fn friction(&self) -> Option<Friction> {
         match self {
             Self::Elastic(elastic) => elastic.friction,
@@ -74,7 +75,7 @@ impl Model {
         }
     }
 
-    /// The same with another friction, if the model knows friction.
+    /// Returns the model with another friction; models without friction stay as they are.
     pub fn with_friction(self, friction: Option<Friction>) -> Self {
         match self {
             Self::Elastic(elastic) => Self::Elastic(Elastic { friction, ..elastic }),
@@ -82,7 +83,8 @@ impl Model {
         }
     }
 
-    /// True if the model knows the pressure between pad and object: then a [`Contact`] has its force, its peak and its load.
+    /// Returns true if the model computes the pressure between pad and object. A [`Contact`] then has a force, a peak
+    /// pressure and a load.
     pub fn knows_pressure(&self) -> bool {
         match self {
             Self::Elastic(_) => true,
@@ -90,7 +92,7 @@ impl Model {
         }
     }
 
-    /// True if the model knows what moves the pad in its own plane.
+    /// Returns true if the model computes motion of the pad in its own plane.
     pub fn knows_tractions(&self) -> bool {
         match self {
             Self::Elastic(_) => true,
@@ -99,7 +101,7 @@ impl Model {
     }
 }
 
-/// A model made ready for one sensor: everything that is the same for every sample.
+/// A model prepared for one sensor, with everything that is the same for every sample.
 pub enum Pad {
     /// See [`Model::None`].
     None,
@@ -108,7 +110,7 @@ pub enum Pad {
     /// See [`Model::Gaussian`].
     Gaussian(Gaussian),
     /// See [`Model::Elastic`].
-    Elastic(Box<elastic::Pad>),
+    Elastic(Box<elastic::ElasticPad>),
 }
 
 impl Pad {
@@ -118,11 +120,11 @@ impl Pad {
             Model::None(_) => Self::None,
             Model::MeanBlur(blur) => Self::MeanBlur(*blur),
             Model::Gaussian(gaussian) => Self::Gaussian(gaussian.clone()),
-            Model::Elastic(elastic) => Self::Elastic(Box::new(elastic::Pad::new(elastic, material, view))),
+            Model::Elastic(elastic) => Self::Elastic(Box::new(elastic::ElasticPad::new(elastic, material, view))),
         }
     }
 
-    /// The same pad of another Young's modulus, kPa: displacements stay, pressures are in proportion.
+    /// Returns the pad with another Young's modulus, kPa: displacements stay, and pressures scale with it.
     pub(crate) fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
         match self {
             Self::None => Self::None,
@@ -132,112 +134,129 @@ impl Pad {
         }
     }
 
-    /// The same pad under an object of its own material, if that makes any difference to the model.
-    pub(crate) fn under(&self, object: &ObjectMaterial) -> Option<Self> {
+    /// Returns the pad under an object of its own material; `None` if that makes no difference to the model.
+    pub(crate) fn with_object_material(&self, object: &ObjectMaterial) -> Option<Self> {
         match self {
             Self::Elastic(pad) => (*object != ObjectMaterial::default())
-                .then(|| Self::Elastic(Box::new(pad.under(object.friction, object.soft)))),
+                .then(|| Self::Elastic(Box::new(pad.with_object_material(object.friction, object.soft)))),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
 
-    /// The shape that an object takes under its load, captured in `window`; `None` if it keeps its own.
-    pub(crate) fn yielded(&self, depth: &Depth, beyond: Option<&Beyond>, window: Window) -> Option<Yielded> {
+    /// Solves for the shape of a deformable object under its load, captured in `window`; `None` if the object keeps its
+    /// shape.
+    pub(crate) fn deform_object(
+        &self,
+        depth: &Depth,
+        outside: Option<&OutsideWindow>,
+        window: CaptureWindow,
+    ) -> Option<DeformedObject> {
         match self {
-            Self::Elastic(pad) => pad.yielded(depth, beyond, window),
+            Self::Elastic(pad) => pad.deform_object(depth, outside, window),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
 
-    /// What of an object pressed in by `depth_mm` the model has to know.
-    pub fn window(&self, depth_mm: f64) -> Window {
+    /// Returns the part of an object, pressed in by `depth_mm`, that the model needs.
+    pub fn capture_window(&self, depth_mm: f64) -> CaptureWindow {
         match self {
-            Self::None => Window { margin_px: SURFACE_BORDER, above_mm: 0.0 },
-            Self::MeanBlur(blur) => Window { margin_px: blur.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
-            Self::Gaussian(gaussian) => Window { margin_px: gaussian.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
-            Self::Elastic(pad) => pad.window(depth_mm),
+            Self::None => CaptureWindow { margin_px: SURFACE_BORDER, above_mm: 0.0 },
+            Self::MeanBlur(blur) => CaptureWindow { margin_px: blur.reach_px() + SURFACE_BORDER, above_mm: 0.0 },
+            Self::Gaussian(gaussian) => {
+                CaptureWindow { margin_px: gaussian.reach_px() + SURFACE_BORDER, above_mm: 0.0 }
+            }
+            Self::Elastic(pad) => pad.capture_window(depth_mm),
         }
     }
 
-    /// A window that reaches higher, if the pad bulged up to where nothing is known of the object.
-    pub fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
+    /// Returns a higher window if the pad bulged up to where nothing is known of the object; `None` if `window` was
+    /// high enough.
+    pub fn higher_window(&self, window: CaptureWindow, contact: &Contact) -> Option<CaptureWindow> {
         match self {
-            Self::Elastic(pad) => pad.higher(window, contact),
+            Self::Elastic(pad) => pad.higher_window(window, contact),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
 
-    /// In-plane motion of the pad, if the model knows the pressures that cause it.
-    pub(crate) fn in_plane(&self, material: &Material, field_of_view_mm: [f64; 2], view: &View) -> Option<InPlane> {
+    /// Prepares the in-plane motion of the pad; `None` if the model does not compute the pressures that cause it.
+    pub(crate) fn in_plane_response(
+        &self,
+        material: &Material,
+        field_of_view_mm: [f64; 2],
+        view: &View,
+    ) -> Option<InPlaneResponse> {
         match self {
-            Self::Elastic(_) => Some(InPlane::new(ElasticLayer::new(material), field_of_view_mm, view.mm_per_px)),
+            Self::Elastic(_) => {
+                Some(InPlaneResponse::new(ElasticLayer::new(material), field_of_view_mm, view.mm_per_px))
+            }
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
 
-    /// What touches beyond the window.
-    pub(crate) fn beyond(&self, around: &Surroundings<'_>) -> Beyond {
+    /// Solves for the contact outside the window.
+    pub(crate) fn solve_outside_window(&self, around: &OutsideCapture<'_>) -> OutsideWindow {
         match self {
-            Self::Elastic(pad) => pad.beyond(around),
+            Self::Elastic(pad) => pad.solve_outside_window(around),
             Self::None | Self::MeanBlur(_) | Self::Gaussian(_) => {
-                Beyond::of_overlap(around, self.window(0.0).margin_px)
+                OutsideWindow::from_penetration(around, self.capture_window(0.0).margin_px)
             }
         }
     }
 
-    /// Presses the object into the pad: `depth` is the overlap in [`Pad::window`].
+    /// Presses the object into the pad; `depth` is its penetration in [`Pad::capture_window`].
     pub fn press(&self, depth: &Depth) -> Contact {
-        self.press_with(depth, None)
+        self.press_with_outside(depth, None)
     }
 
-    /// The same with what touches beyond the window.
-    pub(crate) fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
+    /// Presses the object into the pad, which the contact outside the window also displaces.
+    pub(crate) fn press_with_outside(&self, depth: &Depth, outside: Option<&OutsideWindow>) -> Contact {
         match self {
-            Self::None => none::press(depth),
+            Self::None => no_deformation::press(depth),
             Self::MeanBlur(blur) => mean_blur::press(blur, depth),
             Self::Gaussian(gaussian) => gaussian::press(gaussian, depth),
-            Self::Elastic(pad) => pad.press_with(depth, beyond),
+            Self::Elastic(pad) => pad.press_with_outside(depth, outside),
         }
     }
 }
 
-/// The object in the shape that it takes under its load, captured in `window`, and whether that was found within the
-/// tolerance. Where nothing is deformed it keeps its own.
-pub fn shaped(
+/// Returns the depth map of the object in the shape that it takes under its load, captured in `window`, and whether
+/// that shape was found within the tolerance. A rigid object keeps its shape.
+pub fn deform_object(
     pad: &Pad,
     depth: Depth,
-    beyond: Option<&Beyond>,
-    window: Window,
+    outside: Option<&OutsideWindow>,
+    window: CaptureWindow,
     effects: &mut EffectLog,
 ) -> (Depth, bool) {
     if effects.leaves_out(Effect::Deformation) {
         return (depth, true);
     }
-    match effects.timed(Effect::Deformation, || pad.yielded(&depth, beyond, window)) {
-        Some(Yielded { depth, solved }) => (depth, solved),
+    match effects.run_timed(Effect::Deformation, || pad.deform_object(&depth, outside, window)) {
+        Some(DeformedObject { depth, converged }) => (depth, converged),
         None => (depth, true),
     }
 }
 
-/// The pad under an object that overlaps it, with what touches beyond the window; `markers` if something shows how it
-/// moves in its own plane.
+/// Presses the object into the pad, with the contact outside the window. `markers` is true if something shows how the
+/// pad moves in its own plane.
 ///
-/// In a sequence friction was solved for already: `carried` is what its tractions displace, if that shows.
-pub fn deform(
+/// In a sequence friction was already solved for: `carried` then has the displacement by its tractions. An inner `None`
+/// means that it is negligible.
+pub fn deform_pad(
     pad: &Pad,
     depth: &Depth,
-    beyond: Option<&Beyond>,
-    carried: Option<Option<&Drag>>,
+    outside: Option<&OutsideWindow>,
+    carried: Option<Option<&FrictionDisplacement>>,
     markers: bool,
     effects: &mut EffectLog,
 ) -> Contact {
-    let clear = depth.touching.is_empty() && beyond.is_none_or(|beyond| beyond.displacement.is_none());
+    let clear = depth.touching.is_empty() && outside.is_none_or(|outside| outside.displacement.is_none());
     let need = match pad {
         Pad::None => Requirement::Absent("the gelpad model has none"),
         _ if clear => Requirement::Unneeded("nothing reaches into the pad"),
         _ => Requirement::Needed("the object reaches into the pad"),
     };
-    // What a model makes of nothing is its own business: it knows which numbers it would give.
+    // Models are also called without contact: only they know which forces and numerics to report then.
     let deforms = effects.enable(Effect::Deformation, need);
     let friction = match pad {
         Pad::Elastic(_) if deforms && carried.is_some() => Requirement::Needed("a sequence carries tractions on"),
@@ -248,17 +267,19 @@ pub fn deform(
     let holds = effects.enable(Effect::Friction, friction);
     match pad {
         Pad::Elastic(pad) if deforms || clear => {
-            let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
+            let outside = outside.and_then(|outside| outside.displacement.as_ref());
             let drag = match carried {
                 Some(_) => None,
-                None if holds => effects.timed(Effect::Friction, || pad.drag(depth, beyond)),
+                None if holds => effects.run_timed(Effect::Friction, || pad.solve_friction(depth, outside)),
                 None => None,
             };
             let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
-            effects.timed(Effect::Deformation, || pad.press_into(depth, Given { beyond, drag }))
+            effects.run_timed(Effect::Deformation, || {
+                pad.press_displaced_pad(depth, PriorDisplacement { outside, friction: drag })
+            })
         }
-        _ if deforms || clear => effects.timed(Effect::Deformation, || pad.press(depth)),
-        _ => none::press(depth),
+        _ if deforms || clear => effects.run_timed(Effect::Deformation, || pad.press(depth)),
+        _ => no_deformation::press(depth),
     }
 }
 
@@ -268,40 +289,42 @@ pub fn deform(
 pub struct Contact {
     /// Displacement of the surface, mm, positive into the pad, in the view and [`SURFACE_BORDER`] around it.
     pub surface: Grid<f32>,
-    /// Where, in `surface`, it may differ from 0: outside it is 0 exactly. Empty without contact.
+    /// The part of `surface` that may differ from 0; outside it is exactly 0. Empty without contact.
     pub region: Rect,
-    /// How high the pad bulges over its undeformed surface, in view or beyond, mm.
+    /// Largest height of the pad over its undeformed surface, in view or beyond, mm.
     pub bulge_mm: f32,
     /// True if every number in `surface` is finite.
     pub finite: bool,
     /// 255 where the pad touches the object, in the view.
     pub mask: Grid<u8>,
-    /// Pressure over Young's modulus on the solver's own grid, in view and beyond, if the model knows it and there is any
-    /// contact.
+    /// Pressure over Young's modulus on the solver's own grid, in view and beyond; `None` without contact, or if the
+    /// model computes no pressure.
     pub load: Option<Load>,
-    /// How the press moved the surface in its own plane, if something shows it and the model knows.
+    /// Motion of the surface in its own plane during the press; `None` if nothing shows it or the model does not
+    /// compute it.
     pub tangential: Option<TangentialMotion>,
-    /// Pressure between pad and object, kPa, in the view, if the model knows it and there is any contact.
+    /// Pressure between pad and object, kPa, in the view; `None` without contact, or if the model computes no pressure.
     pub pressure: Option<Grid<f32>>,
-    /// Normal force on the part in view, N, if the model knows it, and all of the object that decides it.
+    /// Normal force on the part in view, N; `None` if the model computes none, or if unknown parts of the object decide
+    /// it.
     pub force_n: Option<f64>,
-    /// How the contact in view is part of a whole; set by [`crate::simulator::Simulator`].
+    /// How the contact in view belongs to the object's total contact; set by [`crate::simulator::Simulator`].
     pub total: TotalContact,
-    /// By what factor pressures and forces are larger than [`Contact::load`] has them: friction and a curved core, as finite
-    /// elements have them.
-    pub stiffened: f64,
-    /// Largest pressure in view, kPa, if the model knows it.
+    /// Factor by which pressures and forces are larger than in [`Contact::load`]: corrections for friction and for a
+    /// curved core, fitted to finite elements.
+    pub stiffening_factor: f64,
+    /// Largest pressure in view, kPa; `None` if the model computes none.
     pub peak_pressure_kpa: Option<f64>,
     /// The surface between pixel centres, where it was sampled.
     pub subpixel: Option<Subpixel>,
-    /// What the model says of its own solution.
+    /// What the model reports about its own solution.
     pub numerics: Numerics,
 }
 
 impl Contact {
-    /// Multiplies pressures and forces.
-    pub(crate) fn stiffen(&mut self, factor: f64) {
-        self.stiffened *= factor;
+    /// Multiplies pressures and forces by a factor.
+    pub(crate) fn scale_forces(&mut self, factor: f64) {
+        self.stiffening_factor *= factor;
         self.force_n = self.force_n.map(|force| factor * force);
         self.peak_pressure_kpa = self.peak_pressure_kpa.map(|peak| factor * peak);
         if let Some(pressure) = &mut self.pressure {
@@ -309,7 +332,7 @@ impl Contact {
         }
     }
 
-    /// Lowest and highest displacement of the surface in view, mm; numbers that are none do not count.
+    /// Returns the lowest and highest displacement of the surface in view, mm; NaN values are ignored.
     pub fn range_mm(&self) -> [f32; 2] {
         let Rect { x0, y0, x1, y1 } = self.region;
         let [up, down] = simd_dispatch(
@@ -317,31 +340,31 @@ impl Contact {
             || {
                 (y0..y1).fold([0.0_f32; 2], |[up, down], y| {
                     let row = &self.surface.row(y)[x0..x1];
-                    [up.max(largest(row.iter().map(|w| -w))), down.max(largest(row.iter().copied()))]
+                    [up.max(largest_value(row.iter().map(|w| -w))), down.max(largest_value(row.iter().copied()))]
                 })
             },
         );
-        // Not -0.0 where nothing rises.
+        // 0.0 - up instead of -up, so that the result is not -0.0 where nothing rises.
         [0.0 - up, down]
     }
 }
 
-/// Honest numbers about a solution.
+/// Quality of a solution, as the model reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Numerics {
-    /// The model reached its tolerance; true for models without iteration.
+    /// True if the model reached its tolerance; always true for models without iteration.
     pub converged: bool,
-    /// Iterations taken; 0 for models without iteration.
+    /// Number of iterations; 0 for models without iteration.
     pub iterations: u32,
-    /// Largest violation of the contact conditions, um, if the model has any.
+    /// Largest violation of the contact conditions, um; `None` if the model has no such conditions.
     pub residual_um: Option<f64>,
-    /// Largest error expected of the model's theory within 2 mm of the contact, um, or why it is not known.
+    /// Largest expected error of the model's theory within 2 mm of the contact, um, or why it is not known.
     pub model_error_um: Result<f64, &'static str>,
 }
 
 impl Numerics {
-    /// Those of a model that does not iterate and knows no error of its own.
+    /// The numerics of a model that neither iterates nor knows its own error.
     pub const DIRECT: Self = Self {
         converged: true,
         iterations: 0,
@@ -350,8 +373,8 @@ impl Numerics {
     };
 }
 
-/// What [`Contact`] is without any: a flat pad.
-pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Numerics) -> Contact {
+/// Makes a [`Contact`] without contact: a flat pad.
+pub fn no_contact(width: usize, height: usize, force_n: Option<f64>, numerics: Numerics) -> Contact {
     Contact {
         surface: Grid::new(width + 2 * SURFACE_BORDER, height + 2 * SURFACE_BORDER),
         region: Rect::default(),
@@ -363,7 +386,7 @@ pub fn untouched(width: usize, height: usize, force_n: Option<f64>, numerics: Nu
         pressure: None,
         force_n,
         total: TotalContact::default(),
-        stiffened: 1.0,
+        stiffening_factor: 1.0,
         peak_pressure_kpa: force_n,
         subpixel: None,
         numerics,

@@ -1,15 +1,15 @@
-//! An object that slides, turns and rolls on the pad, step by step, and what friction remembers of it.
+//! An object that slides, turns and rolls on the pad step by step, with the friction history of the contact.
 //!
-//! Pressure and tractions are found in a frame that goes with the object's surface, on pixels of their own
-//! ([`super::elastic::history`]). While neither depth nor tilt changes the pressure stays as it is.
+//! Pressure and tractions are computed in a frame that moves with the object's surface, on a pixel grid of its own
+//! ([`super::elastic::friction_history`]). While neither depth nor tilt changes, the pressure stays as it is.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::elastic::friction::Drag;
-use super::elastic::history::{History, Moved, Normal, Step, StickSlip};
-use super::elastic::inplane::{Field, InPlane, Load};
+use super::elastic::friction::FrictionDisplacement;
+use super::elastic::friction_history::{FrameMotion, FrictionHistory, StepOutcome, StepPressure, StickSlip};
+use super::elastic::in_plane::{DisplacementField, InPlaneResponse, Load};
 use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic};
@@ -26,22 +26,22 @@ use crate::depth::{self, Depth};
 use crate::effects::{EffectLog, EffectPolicy};
 use crate::pose::Pose;
 
-pub mod over_gel;
+pub mod on_curved_gel;
 
-/// A step of an object: where it comes to be, and how its surface at the contact moves in the pad's plane on the way. The two
-/// differ where it rolls: then the object moves, but its surface stays where it touches.
+/// One step of an object: its pose at the end, and how its surface at the contact moves in the pad's plane meanwhile.
+/// The two differ where the object rolls: then it moves, but its surface rests at the contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObjectStep {
-    /// Where the object is at the end.
+    /// Pose of the object at the end of the step.
     pub pose: Pose,
-    /// How deep its lowest point then reaches below the undeformed pad, mm; 0 or less without contact.
+    /// Depth of the object's lowest point below the undeformed pad at the end, mm; 0 or less without contact.
     pub depth_mm: f64,
-    /// The motion.
+    /// Motion of the object's surface at the contact.
     pub motion: PlanarMotion,
 }
 
 impl ObjectStep {
-    /// A step that leads to where an indenter is.
+    /// Makes the step that leads to the pose of an indenter.
     pub fn to(indenter: &Indenter, motion: PlanarMotion) -> Self {
         Self { pose: indenter.pose, depth_mm: indenter.depth_mm, motion }
     }
@@ -53,23 +53,24 @@ impl ObjectStep {
     }
 }
 
-/// Force and moment of the object on the pad, in the sensor's frame, about the middle of the image on the undeformed pad.
+/// Force and moment of the object on the pad, in the sensor's frame, about the centre of the image on the undeformed
+/// pad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
-    /// N.
+    /// Force, N.
     pub force_n: [f64; 3],
-    /// N mm.
+    /// Moment, N mm.
     pub torque_nmm: [f64; 3],
 }
 
 impl Wrench {
-    /// So many times as large.
-    pub(crate) fn times(self, factor: f64) -> Self {
+    /// Returns the wrench multiplied by a factor.
+    pub(crate) fn scaled_by(self, factor: f64) -> Self {
         Self { force_n: self.force_n.map(|n| factor * n), torque_nmm: self.torque_nmm.map(|nmm| factor * nmm) }
     }
 
-    /// Both together.
-    pub(crate) fn and(self, other: Self) -> Self {
+    /// Returns the sum of two wrenches.
+    pub(crate) fn plus(self, other: Self) -> Self {
         Self {
             force_n: [0, 1, 2].map(|k| self.force_n[k] + other.force_n[k]),
             torque_nmm: [0, 1, 2].map(|k| self.torque_nmm[k] + other.torque_nmm[k]),
@@ -77,10 +78,10 @@ impl Wrench {
     }
 }
 
-/// What beside its shape decides where an object meets the pad.
+/// What decides, besides the object's shape, where the object meets the pad.
 #[derive(Clone, Copy, Debug)]
-pub struct Ground<'a> {
-    /// What the camera sees of the pad; height maps are of it.
+pub struct CaptureInput<'a> {
+    /// The part of the pad that the camera sees; height maps refer to it.
     pub camera: &'a View,
     /// Micro-texture of the object.
     pub texture: Option<&'a Texture>,
@@ -88,29 +89,31 @@ pub struct Ground<'a> {
     pub drop_mm: Option<&'a Grid<f32>>,
 }
 
-/// What friction did in a frame of a sequence.
+/// The slip between pad and object in one frame of a sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slip {
-    /// Whether any pixel touches.
+    /// True if any pixel touches.
     pub touches: bool,
     /// Share of the contact that sticks, 0 to 1; 0 without contact.
     pub stick_fraction: f64,
-    /// True if nothing sticks of what touched before, too.
+    /// True if nothing sticks of what touched before, either: gross slip.
     pub gross: bool,
-    /// How far the pad has slid along the object, the mean over the contact summed up since it began, mm.
+    /// Distance that the pad has slid along the object since the contact began, mm; the mean over the contact, summed
+    /// over the steps.
     pub displacement_mm: [f64; 2],
-    /// Energy that this turned into heat in this frame, N mm.
+    /// Energy that slip turned into heat in this frame, N mm.
     pub heat_nmm: f64,
-    /// Iterations for tractions.
+    /// Iterations of the traction solver.
     pub iterations: u32,
-    /// How far friction's law is not met, mm.
+    /// Largest violation of the friction conditions, mm.
     pub residual_mm: f64,
-    /// Whether that is within the tolerance, in each step of the frame.
+    /// True if that is within the tolerance in each step of the frame.
     pub converged: bool,
 }
 
-/// Pixels along the longer side of the view on which tractions are solved for, by how fine the model of the pad is.
-fn fineness(resolution: Resolution) -> f64 {
+/// Returns the number of pixels along the longer side of the view on which tractions are solved for, by the resolution
+/// of the pad's model.
+fn traction_grid_px(resolution: Resolution) -> f64 {
     match resolution {
         Resolution::Quarter => 96.0,
         Resolution::Half => 160.0,
@@ -118,62 +121,62 @@ fn fineness(resolution: Resolution) -> f64 {
     }
 }
 
-/// The pad as the frame of an object sees it, made ready once for a sensor.
+/// The pad in the frame of a moving object, prepared once for a sensor.
 #[derive(Clone)]
-pub struct FramePad {
+pub struct SlidingPad {
     view: View,
-    pad: elastic::Pad,
+    pad: elastic::ElasticPad,
     material: Material,
     tolerance_mm: f64,
 }
 
-impl FramePad {
-    /// Of a pad that the camera sees in `view`.
+impl SlidingPad {
+    /// Prepares a pad that the camera sees in `view`.
     pub(crate) fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
         let extent = [0, 1].map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
         let longest = extent[0].max(extent[1]);
-        let camera = view.mm_per_px[0].max(view.mm_per_px[1]);
-        let pitch = camera.max(longest / fineness(elastic.resolution));
-        // An even number, so that the middle lies between pixels in every place that the view takes.
-        let size = extent.map(|mm| ((0.5 * mm / pitch) as usize + 1) * 2);
-        let view = View { resolution_px: size, mm_per_px: [pitch; 2] };
+        let camera_mm = view.mm_per_px[0].max(view.mm_per_px[1]);
+        let spacing_mm = camera_mm.max(longest / traction_grid_px(elastic.resolution));
+        // An even number of pixels, so that the centre lies between pixels wherever the view is placed.
+        let size = extent.map(|mm| ((0.5 * mm / spacing_mm) as usize + 1) * 2);
+        let view = View { resolution_px: size, mm_per_px: [spacing_mm; 2] };
         let elastic = Elastic { resolution: Resolution::Full, friction: None, ..*elastic };
-        let pad = elastic::Pad::new(&elastic, material, &view);
-        Self { view, pad, material: *material, tolerance_mm: TOLERANCE * 1e-3 * elastic.tolerance_um.min(1.0) }
+        let pad = elastic::ElasticPad::new(&elastic, material, &view);
+        Self { view, pad, material: *material, tolerance_mm: TOLERANCE_SHARE * 1e-3 * elastic.tolerance_um.min(1.0) }
     }
 }
 
-/// Of the contact's tolerance (at most 1 um), the share to which tractions are solved: it is how far a pixel alone
-/// would go, of which many together make more.
-const TOLERANCE: f64 = 0.1;
+/// Tolerance of the tractions as a share of the contact's tolerance (which counts at most 1 um here). It limits how far
+/// a single pixel would still move; many pixels together move more.
+const TOLERANCE_SHARE: f64 = 0.1;
 
-/// Poses in the frame that differ by less are the same: mm, or parts of a rotation.
-const SAME: f64 = 1e-9;
+/// Poses in the frame that differ by less than this count as equal: mm, or elements of the rotation matrix.
+const POSE_TOLERANCE: f64 = 1e-9;
 
-/// Heights whose deepest point is another by less than this share of the depth are the same.
-const SAME_DEPTH: f64 = 5e-3;
+/// Height maps whose depth differs by less than this share count as equally deep.
+const DEPTH_TOLERANCE: f64 = 5e-3;
 
-/// An object on the pad, from one frame of a sequence to the next.
+/// An object on the pad, with its state from one frame of a sequence to the next.
 pub struct Sliding {
     youngs_modulus_kpa: f64,
     thickness_mm: f64,
-    /// What is seen of the object's frame.
+    /// The view of the pad in the object's frame.
     view: View,
     /// The pad in that view.
-    pad: elastic::Pad,
-    history: History,
-    /// Where its frame lies in the pad's plane, or on the chart of a gel that is not flat.
+    pad: elastic::ElasticPad,
+    history: FrictionHistory,
+    /// Position of the object's frame in the pad's plane, or on the chart of a curved gel.
     frame: PlanarFrame,
-    /// How the object has moved in the plane that it is posed over: on a flat pad the same.
-    way: PlanarFrame,
-    /// The chart that the frame lies on, and where on the gel the object is closest.
-    over: Option<(Chart, Site)>,
-    /// The object in its frame, and its depth, when the pressure was found.
-    pressed: Option<(Pose, f64)>,
-    /// It touched the window's border then: it may go on beyond.
-    cut: bool,
-    /// The middle of the view in the object's frame, in pixels.
-    middle_px: [i64; 2],
+    /// Motion of the object in the plane that it is posed over; on a flat pad the same as `frame`.
+    plane_frame: PlanarFrame,
+    /// The chart that the frame lies on, and the point of the gel where the object is closest.
+    chart_and_site: Option<(Chart, Site)>,
+    /// The object's pose and depth when the pressure was solved for; the pose is in the frame on a flat pad.
+    pressed_pose: Option<(Pose, f64)>,
+    /// True if the object touched the window's border then: it may extend beyond it.
+    is_cut: bool,
+    /// Centre of the view in the object's frame, in pixels.
+    view_centre_px: [i64; 2],
     slip: Slip,
 }
 
@@ -184,97 +187,100 @@ impl std::fmt::Debug for Sliding {
 }
 
 impl Sliding {
-    /// True if it goes over such a pad.
-    pub(crate) fn is_over(&self, pad: &FramePad) -> bool {
+    /// Returns true if this object moves over the given pad.
+    pub(crate) fn matches_pad(&self, pad: &SlidingPad) -> bool {
         (self.view, self.thickness_mm, self.youngs_modulus_kpa)
             == (pad.view, pad.material.thickness_mm, pad.material.youngs_modulus_kpa)
     }
 
-    /// Without contact.
-    pub(crate) fn new(pad: &FramePad, friction: Friction) -> Self {
-        let FramePad { view, pad, material, tolerance_mm } = pad.clone();
+    /// Starts without contact.
+    pub(crate) fn new(pad: &SlidingPad, friction: Friction) -> Self {
+        let SlidingPad { view, pad, material, tolerance_mm } = pad.clone();
         let coefficient = friction.coefficient().unwrap_or(f64::INFINITY);
         Self {
             youngs_modulus_kpa: material.youngs_modulus_kpa,
             thickness_mm: material.thickness_mm,
-            history: History::new(ElasticLayer::new(&material), coefficient, view.mm_per_px, tolerance_mm),
+            history: FrictionHistory::new(ElasticLayer::new(&material), coefficient, view.mm_per_px, tolerance_mm),
             view,
             pad,
             frame: PlanarFrame::default(),
-            way: PlanarFrame::default(),
-            over: None,
-            pressed: None,
-            cut: false,
-            middle_px: [0; 2],
-            slip: Slip::none(),
+            plane_frame: PlanarFrame::default(),
+            chart_and_site: None,
+            pressed_pose: None,
+            is_cut: false,
+            view_centre_px: [0; 2],
+            slip: Slip::no_contact(),
         }
     }
 
-    /// What friction did in the last frame.
+    /// Returns the slip of the last frame.
     pub(crate) fn slip(&self) -> Slip {
         self.slip
     }
 
-    /// A texture where it now lies, if it lay at `laid` at the start.
-    pub(crate) fn carried(&self, laid: TexturePlacement) -> TexturePlacement {
-        let yaw_deg = laid.yaw_deg + self.way.angle_rad.to_degrees();
-        TexturePlacement { origin_mm: self.way.axes().to_sensor(laid.origin_mm), yaw_deg }
+    /// Returns the present placement of a texture whose placement at the start was `initial`.
+    pub(crate) fn texture_placement(&self, initial: TexturePlacement) -> TexturePlacement {
+        let yaw_deg = initial.yaw_deg + self.plane_frame.angle_rad.to_degrees();
+        TexturePlacement { origin_mm: self.plane_frame.axes().to_sensor(initial.origin_mm), yaw_deg }
     }
 
-    /// Goes through the steps of a frame, under an indenter of which only the shape counts. The texture is as it lay at the
+    /// Advances through the steps of a frame. Of the indenter, only the shape counts. The texture is the one at the
     /// start.
-    pub(crate) fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: Ground<'_>) {
-        self.begin();
+    pub(crate) fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: CaptureInput<'_>) {
+        self.begin_frame();
         for step in steps {
-            let moved = self.frame.moved(step.motion);
-            self.way = self.frame;
-            let in_frame = self.frame.inverse(step.pose);
-            let stays = self.pressed.is_some_and(|(pose, depth_mm)| {
-                // Of heights the deepest pixel is another in every place.
-                let slack = if matches!(indenter.shape, Shape::HeightMap(_)) { SAME_DEPTH * depth_mm } else { 0.0 };
+            let moved = self.frame.move_by(step.motion);
+            self.plane_frame = self.frame;
+            let in_frame = self.frame.pose_in_frame(step.pose);
+            let stays = self.pressed_pose.is_some_and(|(pose, depth_mm)| {
+                // The deepest pixel of a height map changes as the map is resampled.
+                let slack =
+                    if matches!(indenter.shape, Shape::HeightMap(_)) { DEPTH_TOLERANCE * depth_mm } else { 0.0 };
                 (depth_mm - step.depth_mm).abs() <= slack
-                    && same(&pose, &in_frame)
-                    && (ground.drop_mm.is_none() || moved == Moved::default())
-                    // What the window cut goes on, and comes into view.
-                    && (!self.cut || self.middle() == self.middle_px)
+                    && is_same_pose(&pose, &in_frame)
+                    && (ground.drop_mm.is_none() || moved == FrameMotion::default())
+                    // If the window cut the object, a move of the view brings a new part into it.
+                    && (!self.is_cut || self.next_view_centre() == self.view_centre_px)
             });
             if !stays {
-                self.middle_px = self.middle();
+                self.view_centre_px = self.next_view_centre();
             }
-            let found = (!stays).then(|| self.press(indenter, step.depth_mm, in_frame, self.middle_px, ground));
-            self.take(found, (in_frame, step.depth_mm), moved);
+            let found =
+                (!stays).then(|| self.solve_pressure(indenter, step.depth_mm, in_frame, self.view_centre_px, ground));
+            self.apply_pressure(found, (in_frame, step.depth_mm), moved);
         }
     }
 
-    /// Begins a frame.
-    fn begin(&mut self) {
+    /// Begins a frame: keeps the slip so far and resets what counts per frame.
+    fn begin_frame(&mut self) {
         let displacement_mm = self.slip.displacement_mm;
-        self.slip = Slip { displacement_mm, converged: true, ..Slip::none() };
+        self.slip = Slip { displacement_mm, converged: true, ..Slip::no_contact() };
     }
 
-    /// Goes on under the pressure `found` of an object in a place; under the same without one.
-    fn take(&mut self, found: Option<(Option<Load>, bool)>, placed: (Pose, f64), moved: Moved) {
+    /// Advances friction under a new pressure (`found`), or under the same one (`None`).
+    fn apply_pressure(&mut self, found: Option<(Option<Load>, bool)>, placed: (Pose, f64), moved: FrameMotion) {
         let normal = match &found {
-            None => Normal::Same,
-            Some((Some(load), _)) => Normal::Pressed(load),
-            Some((None, _)) => Normal::Nothing,
+            None => StepPressure::Unchanged,
+            Some((Some(load), _)) => StepPressure::Load(load),
+            Some((None, _)) => StepPressure::NoContact,
         };
         if let Some((load, cut)) = &found {
-            self.cut = *cut;
-            self.pressed = load.is_some().then_some(placed);
+            self.is_cut = *cut;
+            self.pressed_pose = load.is_some().then_some(placed);
         }
         let done = self.history.step(&normal, moved);
-        self.count(&done);
+        self.accumulate_slip(&done);
     }
 
-    /// The pressure of the object where it is, in its frame; and whether it touches the window's border.
-    fn press(
+    /// Solves for the pressure of the object at a pose in its frame. Also returns whether the contact touches the
+    /// window's border.
+    fn solve_pressure(
         &self,
         indenter: &Indenter,
         depth_mm: f64,
         in_frame: Pose,
         middle_px: [i64; 2],
-        ground: Ground<'_>,
+        ground: CaptureInput<'_>,
     ) -> (Option<Load>, bool) {
         if depth_mm <= 0.0 {
             return (None, false);
@@ -283,37 +289,40 @@ impl Sliding {
         let mut pose = in_frame;
         pose.translation_mm -= DVec3::new(middle_mm[0], middle_mm[1], 0.0);
         let shape = match &indenter.shape {
-            Shape::HeightMap(map) => Shape::HeightMap(Arc::new(self.seen(map, ground.camera, middle_mm))),
+            Shape::HeightMap(map) => {
+                Shape::HeightMap(Arc::new(self.resample_height_map(map, ground.camera, middle_mm)))
+            }
             mesh => mesh.clone(),
         };
-        let there = Indenter { shape, pose, depth_mm };
+        let in_window = Indenter { shape, pose, depth_mm };
         let texture = ground.texture.map(|texture| {
             let TexturePlacement { origin_mm, yaw_deg } =
-                texture.laid.unwrap_or_else(|| TexturePlacement::with(&indenter.pose));
-            texture.laid_out(TexturePlacement { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
+                texture.placement.unwrap_or_else(|| TexturePlacement::at_pose(&indenter.pose));
+            texture.with_placement(TexturePlacement { origin_mm: [0, 1].map(|k| origin_mm[k] - middle_mm[k]), yaw_deg })
         });
-        self.solved(depth_mm, middle_mm, |window| {
+        self.solve_captured(depth_mm, middle_mm, |window| {
             let mut effects = EffectLog::new(EffectPolicy::default());
-            let mut depth = self.captured(&there, texture.as_ref(), window, &mut effects);
+            let mut depth = self.capture_object(&in_window, texture.as_ref(), window, &mut effects);
             if let Some(drop) = ground.drop_mm {
-                self.lower(&mut depth, drop, ground.camera, middle_mm, window.above_mm);
+                self.subtract_drop(&mut depth, drop, ground.camera, middle_mm, window.above_mm);
             }
             depth
         })
     }
 
-    /// The pressure under what is captured around a place of the frame; and whether it touches the window's border.
-    fn solved(
+    /// Solves for the pressure of an object that `captured` captures around a point of the frame. Also returns whether
+    /// the contact touches the window's border.
+    fn solve_captured(
         &self,
         depth_mm: f64,
         middle_mm: [f64; 2],
-        mut captured: impl FnMut(depth::Window) -> Depth,
+        mut captured: impl FnMut(depth::CaptureWindow) -> Depth,
     ) -> (Option<Load>, bool) {
-        let mut window = self.pad.window(depth_mm);
+        let mut window = self.pad.capture_window(depth_mm);
         loop {
             let depth = captured(window);
             let contact = self.pad.press(&depth);
-            match self.pad.higher(window, &contact) {
+            match self.pad.higher_window(window, &contact) {
                 Some(higher) => window = higher,
                 None => {
                     let Rect { x0, y0, x1, y1 } = depth.touching;
@@ -325,41 +334,49 @@ impl Sliding {
         }
     }
 
-    /// Where the middle of the view is to be: what the camera sees is what counts; the view stays while that is nearly in its
-    /// middle.
-    fn middle(&self) -> [i64; 2] {
-        let pitch = self.view.mm_per_px;
+    /// Returns the centre of the next view. The view should show what the camera sees; it stays while that is close to
+    /// its centre.
+    fn next_view_centre(&self) -> [i64; 2] {
+        let spacing_mm = self.view.mm_per_px;
         let seen = self.frame.axes().to_frame([0.0; 2]);
-        let off = |k: usize| (seen[k] / pitch[k] - self.middle_px[k] as f64).abs();
+        let off = |k: usize| (seen[k] / spacing_mm[k] - self.view_centre_px[k] as f64).abs();
         match (0..2).any(|k| off(k) > 0.1 * self.view.resolution_px[k] as f64) {
-            true => [0, 1].map(|k| libm::round(seen[k] / pitch[k]) as i64),
-            false => self.middle_px,
+            true => [0, 1].map(|k| libm::round(seen[k] / spacing_mm[k]) as i64),
+            false => self.view_centre_px,
         }
     }
 
-    /// Normal force on the pad if the object were pressed so deep at a pose, N.
-    pub(crate) fn normal_force_n(&self, indenter: &Indenter, pose: Pose, depth_mm: f64, ground: Ground<'_>) -> f64 {
-        let (load, _) = self.press(indenter, depth_mm, self.frame.inverse(pose), self.middle(), ground);
+    /// Computes the normal force on the pad, N, if the object were pressed to a depth at a pose.
+    pub(crate) fn normal_force_n(
+        &self,
+        indenter: &Indenter,
+        pose: Pose,
+        depth_mm: f64,
+        ground: CaptureInput<'_>,
+    ) -> f64 {
+        let (load, _) =
+            self.solve_pressure(indenter, depth_mm, self.frame.pose_in_frame(pose), self.next_view_centre(), ground);
         load.map_or(0.0, |load| {
             let sum: f64 = load.pressure.data.iter().map(|p| f64::from(p.max(0.0))).sum();
             1e-3 * self.youngs_modulus_kpa * sum * load.mm_per_px[0] * load.mm_per_px[1]
         })
     }
 
-    fn captured(
+    fn capture_object(
         &self,
-        there: &Indenter,
+        indenter: &Indenter,
         texture: Option<&Texture>,
-        window: depth::Window,
+        window: depth::CaptureWindow,
         effects: &mut EffectLog,
     ) -> Depth {
-        depth::penetration(there, texture, None, self.thickness_mm, &self.view, window, effects)
+        depth::capture_penetration(indenter, texture, None, self.thickness_mm, &self.view, window, effects)
     }
 
-    /// A height map of the camera's view, in the object's frame; beyond the view its border goes on.
-    fn seen(&self, map: &HeightMap, camera: &View, middle_mm: [f64; 2]) -> HeightMap {
+    /// Resamples a height map from the camera's view to the object's frame. Outside the camera's view its border is
+    /// continued.
+    fn resample_height_map(&self, map: &HeightMap, camera: &View, middle_mm: [f64; 2]) -> HeightMap {
         let [width, height] = self.view.resolution_px;
-        // Walls stay walls.
+        // Values that differ by more than this are not interpolated, so that walls stay walls.
         let axes = self.frame.axes();
         let jump = 2.0 * camera.mm_per_px[0].max(camera.mm_per_px[1]) as f32;
         let mut above_mm = Grid::new(width, height);
@@ -367,14 +384,14 @@ impl Sliding {
             for (x, value) in above_mm.row_mut(y).iter_mut().enumerate() {
                 let mm = self.view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
                 let there = camera.point_px(axes.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
-                *value = between(&map.above_mm, there.map(|px| px - 0.5), jump);
+                *value = interpolate_bilinear(&map.above_mm, there.map(|px| px - 0.5), jump);
             }
         }
         HeightMap { above_mm, unseen_px: map.unseen_px }
     }
 
-    /// Takes an overlap against a curved pad.
-    fn lower(&self, depth: &mut Depth, drop: &Grid<f32>, camera: &View, middle_mm: [f64; 2], above_mm: f64) {
+    /// Subtracts a curved pad's drop from a penetration in the object's frame.
+    fn subtract_drop(&self, depth: &mut Depth, drop: &Grid<f32>, camera: &View, middle_mm: [f64; 2], above_mm: f64) {
         let floor = 0.0 - above_mm as f32;
         let margin = depth.margin_px as f64;
         let axes = self.frame.axes();
@@ -383,7 +400,7 @@ impl Sliding {
                 let px = [x as f64 + 0.5 - margin, y as f64 + 0.5 - margin];
                 let mm = self.view.point_mm(px);
                 let there = camera.point_px(axes.to_sensor([0, 1].map(|k| mm[k] + middle_mm[k])));
-                let below = between(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64), f32::INFINITY);
+                let below = interpolate_bilinear(drop, there.map(|px| px - 0.5 + SURFACE_BORDER as f64), f32::INFINITY);
                 let value = &mut depth.penetration.row_mut(y)[x];
                 *value = if *value > floor { (*value - below).max(floor) } else { *value };
             }
@@ -391,7 +408,7 @@ impl Sliding {
         depth.measure();
     }
 
-    fn count(&mut self, done: &Step) {
+    fn accumulate_slip(&mut self, done: &StepOutcome) {
         let slip = &mut self.slip;
         slip.touches = done.touching > 0;
         if !slip.touches {
@@ -399,61 +416,64 @@ impl Sliding {
         }
         slip.stick_fraction = done.sticking as f64 / done.touching.max(1) as f64;
         slip.gross = done.gross;
-        let [dx, dy] = self.way.axes().turned(done.slip_mm);
+        let [dx, dy] = self.plane_frame.axes().direction_to_sensor(done.slip_mm);
         slip.displacement_mm = [slip.displacement_mm[0] + dx, slip.displacement_mm[1] + dy];
         // kPa mm^3 are 1e-3 N mm.
         slip.heat_nmm += 1e-3 * self.youngs_modulus_kpa * done.heat;
-        slip.iterations += done.solved.iterations;
-        slip.residual_mm = slip.residual_mm.max(done.solved.residual_mm);
-        slip.converged &= done.solved.converged || !slip.touches;
+        slip.iterations += done.solver.iterations;
+        slip.residual_mm = slip.residual_mm.max(done.solver.residual_mm);
+        slip.converged &= done.solver.converged || !slip.touches;
     }
 
-    /// What the object does to the pad.
+    /// Returns the wrench of the object on the pad.
     pub(crate) fn wrench(&self) -> Wrench {
-        let sums = self.history.sums();
+        let sums = self.history.contact_forces();
         let newtons = 1e-3 * self.youngs_modulus_kpa;
-        let [fx, fy] = self.frame.axes().turned(sums.force).map(|force| newtons * force);
+        let [fx, fy] = self.frame.axes().direction_to_sensor(sums.force).map(|force| newtons * force);
         let fz = -newtons * sums.normal;
         let [x, y] = self.frame.origin_mm;
-        let [lever_x, lever_y] = self.frame.axes().turned(sums.lever).map(|lever| newtons * lever);
-        // r x f of what presses at z = 0, and of what pulls.
+        let [lever_x, lever_y] =
+            self.frame.axes().direction_to_sensor(sums.pressure_moment).map(|lever| newtons * lever);
+        // Moments r x f of the pressure at z = 0, and of the tractions. The lever is measured from the frame's origin.
         let torque_x = -(lever_y - y * fz);
         let torque_y = lever_x - x * fz;
         let torque_z = newtons * sums.moment + x * fy - y * fx;
+        // Adding 0 turns -0.0 into 0.0.
         Wrench { force_n: [fx, fy, fz].map(|n| n + 0.0), torque_nmm: [torque_x, torque_y, torque_z].map(|n| n + 0.0) }
     }
 
-    /// What tractions displace into the pad; `None` where that is nothing, or less than `unseen_mm`.
-    pub(crate) fn drag(&mut self, unseen_mm: f64) -> Option<Drag> {
-        let (down, origin_mm) = self.history.displaced()?;
+    /// Returns the displacement into the pad that the tractions cause; `None` if there are no tractions, or it is below
+    /// `unseen_mm`.
+    pub(crate) fn friction_displacement(&mut self, unseen_mm: f64) -> Option<FrictionDisplacement> {
+        let (down, origin_mm) = self.history.normal_displacement()?;
         let PlanarFrame { origin_mm: frame_mm, angle_rad } = self.frame;
-        let drag = Drag::of_frame(down, origin_mm, self.view.mm_per_px, frame_mm, angle_rad);
+        let drag = FrictionDisplacement::from_frame(down, origin_mm, self.view.mm_per_px, frame_mm, angle_rad);
         (drag.largest_mm() >= unseen_mm).then_some(drag)
     }
 
-    /// Motion of the pad in its plane under a pressure and the tractions.
-    pub(crate) fn motion(&self, in_plane: &InPlane, load: &Load) -> Field {
-        if self.history.is_at_rest() {
+    /// Computes the motion of the pad in its plane under a pressure and the tractions.
+    pub(crate) fn displacement_field(&self, in_plane: &InPlaneResponse, load: &Load) -> DisplacementField {
+        if self.history.has_no_tractions() {
             return in_plane.under_pressure(load);
         }
-        // A pixel as some points of which each is no larger than the values that it falls on.
-        let parts = (libm::ceil(2.0 * self.view.mm_per_px[0] / in_plane.pitch_mm()) as usize).clamp(1, 8);
+        // Divide each pixel into points no farther apart than half the spacing of the values that they are added to.
+        let parts = (libm::ceil(2.0 * self.view.mm_per_px[0] / in_plane.spacing_mm()) as usize).clamp(1, 8);
         let share = 1.0 / (parts * parts) as f64;
-        let pitch = self.view.mm_per_px;
-        let within = move |part: usize, k: usize| ((part as f64 + 0.5) / parts as f64 - 0.5) * pitch[k];
+        let spacing_mm = self.view.mm_per_px;
+        let within = move |part: usize, k: usize| ((part as f64 + 0.5) / parts as f64 - 0.5) * spacing_mm[k];
         let axes = self.frame.axes();
-        let points = self.history.forces().flat_map(|(place, force)| {
-            let force = axes.turned(force).map(|part| share * part);
+        let points = self.history.traction_forces().flat_map(|(place, force)| {
+            let force = axes.direction_to_sensor(force).map(|part| share * part);
             (0..parts * parts).map(move |part| {
                 let at = [place[0] + within(part % parts, 0), place[1] + within(part / parts, 1)];
                 (axes.to_sensor(at), force)
             })
         });
-        in_plane.under(load, points)
+        in_plane.under_load_and_forces(load, points)
     }
 
-    /// Of the pixels of a view that touch, what the pad does there.
-    pub(crate) fn states(&self, mask: &Grid<u8>, view: &View) -> Grid<StickSlip> {
+    /// Returns the state of the pad (sticks or slips) at the pixels of a view that touch.
+    pub(crate) fn stick_slip_states(&self, mask: &Grid<u8>, view: &View) -> Grid<StickSlip> {
         let part = bounding_box(mask, |value| value > 0);
         let mut states = Grid::new(mask.width, mask.height);
         let axes = self.frame.axes();
@@ -466,7 +486,8 @@ impl Sliding {
                     let place_mm =
                         [0, 1].map(|k| start[k] + column * (right[k] - start[k]) + row * (down[k] - start[k]));
                     states.row_mut(y)[x] = match self.history.state_at(place_mm) {
-                        // The camera's pixels are finer than the tractions': at the rim of the contact.
+                        // The camera's pixels are finer than those of the tractions; these lie at the rim of the
+                        // contact.
                         StickSlip::Apart => StickSlip::Slips,
                         state => state,
                     };
@@ -478,8 +499,8 @@ impl Sliding {
 }
 
 impl Slip {
-    /// Without contact.
-    pub(crate) fn none() -> Self {
+    /// Returns the slip without contact.
+    pub(crate) fn no_contact() -> Self {
         Self {
             touches: false,
             stick_fraction: 0.0,
@@ -493,12 +514,13 @@ impl Slip {
     }
 }
 
-fn same(a: &Pose, b: &Pose) -> bool {
-    a.rotation.abs_diff_eq(b.rotation, SAME) && a.translation_mm.abs_diff_eq(b.translation_mm, SAME)
+fn is_same_pose(a: &Pose, b: &Pose) -> bool {
+    a.rotation.abs_diff_eq(b.rotation, POSE_TOLERANCE) && a.translation_mm.abs_diff_eq(b.translation_mm, POSE_TOLERANCE)
 }
 
-/// Bilinear; beyond the border, what is at the border. Where values are further apart than `jump`, the nearest.
-fn between(grid: &Grid<f32>, at: [f64; 2], jump: f32) -> f32 {
+/// Interpolates bilinearly; outside the grid its border is continued. Where values differ by more than `jump`, returns
+/// the nearest value.
+fn interpolate_bilinear(grid: &Grid<f32>, at: [f64; 2], jump: f32) -> f32 {
     let axis = |k: usize, count: usize| {
         let at = at[k].clamp(0.0, (count - 1) as f64);
         let first = (at as usize).min(count.saturating_sub(2));

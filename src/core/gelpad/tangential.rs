@@ -1,7 +1,7 @@
-//! Motion of the pad's surface in its own plane: what pressure pushes aside, what friction holds back, and what an object
-//! that is pushed or turned takes along.
+//! Motion of the pad's surface in its own plane: how far pressure pushes it aside, friction holds it back, and an
+//! object that is moved or turned takes it along.
 
-use super::elastic::inplane::{Field, InPlane, Load};
+use super::elastic::in_plane::{DisplacementField, InPlaneResponse, Load};
 use super::elastic::layer::ElasticLayer;
 use super::elastic::shear::{self, Friction, Motion};
 use super::material::Material;
@@ -12,12 +12,12 @@ use crate::effects::{Effect, EffectLog, Requirement};
 #[derive(Clone, Debug)]
 pub struct TangentialMotion {
     /// The motion.
-    pub field: Field,
-    /// What friction did, if the object was pushed or turned, or friction held the pad while it was pressed in.
-    pub shear: Option<shear::Outcome>,
+    pub field: DisplacementField,
+    /// Result of the friction solver, if the object was moved or turned, or friction held the pad during the press.
+    pub shear: Option<shear::ShearOutcome>,
 }
 
-/// How an object moves in the pad's plane after it was pressed in, and what holds the pad to it.
+/// Motion of an object in the pad's plane after the press, and the friction between pad and object.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shear {
     /// The motion.
@@ -26,15 +26,15 @@ pub struct Shear {
     pub friction: Friction,
 }
 
-/// How a press moves the pad in its plane. `None` where nothing would show it, or no model knows. Without `shear` no press
-/// of the kind has any.
+/// Computes how a press moves the pad in its plane; `None` if nothing shows it or the model does not compute it.
+/// `shear` is `None` in jobs that move no object.
 ///
-/// In a sequence the tractions are `carried` from frame to frame.
+/// In a sequence, `carried` has the tractions from frame to frame.
 ///
-/// With the friction `held` while pressing, one law holds for press and motion together: in the contact the surface goes
-/// where the object takes it, from where it was before the press.
-pub fn tangential(
-    in_plane: Option<&InPlane>,
+/// With the friction `held` during the press, one friction model covers press and motion together: in the contact, the
+/// object takes the surface along from where it was before the press.
+pub fn solve_tangential_motion(
+    in_plane: Option<&InPlaneResponse>,
     material: &Material,
     load: Option<&Load>,
     held: Option<Friction>,
@@ -45,7 +45,7 @@ pub fn tangential(
     if let Some(carried) = carried {
         effects.enable(Effect::Shear, Requirement::Absent("a sequence moves its object from frame to frame"));
         let (in_plane, load) = in_plane.zip(load)?;
-        let field = effects.timed(Effect::Markers, || carried.motion(in_plane, load));
+        let field = effects.run_timed(Effect::Markers, || carried.displacement_field(in_plane, load));
         return Some(TangentialMotion { field, shear: None });
     }
     let still = |shear: &Shear| shear.motion.shift_mm == [0.0; 2] && shear.motion.twist_rad == 0.0;
@@ -58,16 +58,18 @@ pub fn tangential(
     };
     let moves = effects.enable(Effect::Shear, need);
     let (in_plane, load) = in_plane.zip(load)?;
-    let mut field = effects.timed(Effect::Markers, || in_plane.under_pressure(load));
+    let mut field = effects.run_timed(Effect::Markers, || in_plane.under_pressure(load));
+    // Friction that the press did without (see the effect log) does not hold the markers, either.
     let held = held.filter(|_| effects.notes[Effect::Friction].ran);
     let moved = shear.filter(|_| moves);
     let friction = held.or(moved.map(|shear| shear.friction));
     let shear = friction.map(|friction| {
         let effect = if moved.is_some() { Effect::Shear } else { Effect::Friction };
         let motion = moved.map_or_else(Motion::default, |shear| shear.motion);
-        effects.timed(effect, || {
+        effects.run_timed(effect, || {
             let pushed = held.is_some().then_some(&field);
-            let (traction, outcome) = shear::shear_from(ElasticLayer::new(material), load, motion, friction, pushed);
+            let (traction, outcome) =
+                shear::solve_shear_from(ElasticLayer::new(material), load, motion, friction, pushed);
             field.add(&in_plane.under_traction(&traction));
             outcome
         })

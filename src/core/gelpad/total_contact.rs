@@ -1,78 +1,80 @@
-//! The contact as a whole: what of it is in view, and what the view cuts off.
+//! The object's total contact: which part of it is in view, and what the view cuts off.
 
 use super::Contact;
-use super::elastic::inplane::Load;
+use super::elastic::in_plane::Load;
 use crate::base::grid::Grid;
-use crate::base::simd::{count, simd_dispatch};
+use crate::base::simd::{count_true, simd_dispatch};
 use crate::base::view::View;
 use crate::depth::Depth;
-use crate::depth::beyond::{Area, Cells, Surroundings};
 use crate::depth::indenter::Shape;
+use crate::depth::outside_window::{CellGrid, OutsideCapture, RectMm};
 
-/// What touches the pad beyond the captured window.
+/// The contact between pad and object outside the captured window.
 #[derive(Clone, Debug)]
-pub struct Beyond {
-    /// Displacement that its pressure causes, mm, on the grid of [`Depth::penetration`], if the model knows it.
+pub struct OutsideWindow {
+    /// Displacement caused by the pressure outside, mm, on the grid of [`Depth::penetration`]; `None` if the model
+    /// computes none.
     pub displacement: Option<Grid<f32>>,
-    /// How far an object that is not rigid gives way there under that pressure, mm, on the same grid.
-    pub object_gives: Option<Grid<f32>>,
-    /// Its normal force, N, if the model knows it.
+    /// Displacement of a deformable object by that pressure, mm, on the same grid.
+    pub object_displacement: Option<Grid<f32>>,
+    /// Normal force outside the window, N; `None` if the model computes none.
     pub force_n: Option<f64>,
-    /// Its area, mm^2.
+    /// Contact area outside the window, mm^2.
     pub area_mm2: f64,
-    /// The model reached its tolerance there.
-    pub solved: bool,
+    /// True if the model reached its tolerance there.
+    pub converged: bool,
 }
 
-/// Cells along the longer side of a contact whose area is measured.
-const CELLS: f64 = 256.0;
+/// Number of cells along the longer side of a contact whose area is measured.
+const CELLS_PER_SIDE: f64 = 256.0;
 
-impl Beyond {
-    /// Where an object reaches below the undeformed pad beyond `margin_px` around the view, for a model that knows no
-    /// pressure.
-    pub(crate) fn of_overlap(around: &Surroundings<'_>, margin_px: usize) -> Self {
-        let touching = around.below(0.0);
-        let pitch_mm = touching.longest().max(f64::from(f32::MIN_POSITIVE)) / CELLS;
-        let cells = Cells::over(touching, pitch_mm, 0);
-        let (window, depths) = (Area::around(around.view(), margin_px), around.depths(&cells));
+impl OutsideWindow {
+    /// Measures where an object reaches below the undeformed pad outside the view and `margin_px` around it, for models
+    /// that compute no pressure.
+    pub(crate) fn from_penetration(around: &OutsideCapture<'_>, margin_px: usize) -> Self {
+        let touching = around.extent_below(0.0);
+        // The lower limit avoids a division by 0 for a contact in a single point.
+        let cell_size_mm = touching.longer_side_mm().max(f64::from(f32::MIN_POSITIVE)) / CELLS_PER_SIDE;
+        let cells = CellGrid::covering(touching, cell_size_mm, 0);
+        let (window, depths) = (RectMm::around_view(around.view(), margin_px), around.capture_depths(&cells));
         let mut area_mm2 = 0.0;
         for y in 0..depths.height {
             for (x, _) in depths.row(y).iter().enumerate().filter(|(_, mm)| **mm > 0.0) {
-                area_mm2 += (1.0 - window.share(&cells, x, y)) * pitch_mm * pitch_mm;
+                area_mm2 += (1.0 - window.cell_share(&cells, x, y)) * cell_size_mm * cell_size_mm;
             }
         }
-        Self { displacement: None, object_gives: None, force_n: None, area_mm2, solved: true }
+        Self { displacement: None, object_displacement: None, force_n: None, area_mm2, converged: true }
     }
 }
 
-impl Beyond {
-    /// How high it lifts the pad in the window, mm.
+impl OutsideWindow {
+    /// Returns how high the contact outside lifts the pad in the window, mm.
     fn raised_mm(&self) -> f64 {
         self.displacement.as_ref().map_or(0.0, |displacement| displacement.largest(|w| -w)).into()
     }
 }
 
-/// How the contact in view is part of a whole.
+/// How the contact in view belongs to the object's total contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TotalContact {
-    /// Normal force of the whole object, N, if it is known.
+    /// Normal force of the complete object, N, if it is known.
     pub total_force_n: Option<f64>,
-    /// The object touches the pad beyond the view, too.
+    /// True if the object touches the pad outside the view, too.
     pub cut_by_view: bool,
     /// Share of the contact's area that is in view, if it is known; 0 without contact.
     pub in_view_fraction: Option<f64>,
-    /// How high loads beyond the captured window lift the pad in it, mm.
+    /// How high loads outside the captured window lift the pad in it, mm.
     pub raised_mm: f64,
-    /// Why the force in view or that of the whole object is not known; empty if both are.
+    /// Why the force in view or that of the complete object is not known; empty if both are known.
     pub force_unknown: &'static str,
 }
 
-/// The total contact of one in `view`, with what touches beyond the captured window. A force in view that what is not known
-/// decides is taken from the contact.
-pub fn total_contact(
+/// Measures the total contact, given the contact in `view` and that outside the captured window. If the contact outside
+/// is not solved, the force in view depends on it and is removed from `contact`.
+pub fn measure_total_contact(
     shape: &Shape,
     depth: &Depth,
-    beyond: Option<&Beyond>,
+    outside: Option<&OutsideWindow>,
     contact: &mut Contact,
     youngs_modulus_kpa: f64,
     view: &View,
@@ -82,24 +84,24 @@ pub fn total_contact(
         let touches = |y: usize| contact.mask.row(y).iter().any(|value| *value > 0);
         let ends = |y: usize| contact.mask.at(0, y) > 0 || contact.mask.at(width - 1, y) > 0;
         let cut_by_view = touches(0) || touches(height - 1) || (0..height).any(ends);
-        return TotalContact::framed(contact, cut_by_view);
+        return TotalContact::of_depth_frame(contact, cut_by_view);
     }
     let [dx, dy] = view.mm_per_px;
     let touching = simd_dispatch(
         #[inline(always)]
-        || count(contact.mask.data.iter().map(|touches| *touches > 0)),
+        || count_true(contact.mask.data.iter().map(|touches| *touches > 0)),
     );
     let in_view_mm2 = f64::from(touching) * dx * dy;
-    // Around the view, as far as the object was captured.
+    // Around the view, within the captured window.
     let (force, mut area_mm2) = match (&contact.load, contact.force_n) {
-        (Some(load), Some(_)) => pressed_around(load, view),
+        (Some(load), Some(_)) => force_and_area_around_view(load, view),
         (None, Some(_)) => (0.0, 0.0),
-        (_, None) => (0.0, overlapped_around(depth) as f64 * dx * dy),
+        (_, None) => (0.0, count_penetrating_around_view(depth) as f64 * dx * dy),
     };
     // kPa mm^2 are mN.
-    let force_n = contact.stiffened * force * youngs_modulus_kpa * 1e-3;
-    let solved = beyond.is_none_or(|beyond| beyond.solved);
-    area_mm2 += beyond.map_or(0.0, |beyond| beyond.area_mm2);
+    let force_n = contact.stiffening_factor * force * youngs_modulus_kpa * 1e-3;
+    let solved = outside.is_none_or(|outside| outside.converged);
+    area_mm2 += outside.map_or(0.0, |outside| outside.area_mm2);
     let force_unknown = match (contact.force_n, solved) {
         (None, _) => "the gelpad model knows no force",
         (_, false) => "the contact beyond the view is not solved",
@@ -111,19 +113,23 @@ pub fn total_contact(
     let all_mm2 = in_view_mm2 + area_mm2;
     TotalContact {
         total_force_n: contact.force_n.map(|in_view| match area_mm2 > 0.0 {
-            true => in_view + force_n + contact.stiffened * beyond.and_then(|beyond| beyond.force_n).unwrap_or(0.0),
+            true => {
+                in_view
+                    + force_n
+                    + contact.stiffening_factor * outside.and_then(|outside| outside.force_n).unwrap_or(0.0)
+            }
             false => in_view,
         }),
         cut_by_view: area_mm2 > 0.0,
-        raised_mm: beyond.map_or(0.0, Beyond::raised_mm),
+        raised_mm: outside.map_or(0.0, OutsideWindow::raised_mm),
         in_view_fraction: Some(if all_mm2 > 0.0 { in_view_mm2 / all_mm2 } else { 0.0 }),
         force_unknown,
     }
 }
 
 impl TotalContact {
-    /// Of what a depth frame shows, and nobody knows beyond it.
-    pub(crate) fn framed(contact: &mut Contact, cut_by_view: bool) -> Self {
+    /// Returns the total contact of an object known from a depth frame: beyond the frame nothing is known.
+    pub(crate) fn of_depth_frame(contact: &mut Contact, cut_by_view: bool) -> Self {
         let force_unknown = match (contact.force_n, cut_by_view) {
             (None, _) => "the gelpad model knows no force",
             (_, true) => "the contact goes on beyond the frame, and what is there is not known",
@@ -136,11 +142,11 @@ impl TotalContact {
     }
 }
 
-/// Force over Young's modulus, mm^2, and area, mm^2, of a load around the view.
-fn pressed_around(load: &Load, view: &View) -> (f64, f64) {
+/// Returns the force over Young's modulus, mm^2, and the area, mm^2, of a load around the view.
+fn force_and_area_around_view(load: &Load, view: &View) -> (f64, f64) {
     let Load { pressure, origin_mm, mm_per_px } = load;
-    let (seen, cell_mm2) = (Area::around(view, 0), mm_per_px[0] * mm_per_px[1]);
-    // The first pixel in view, and one past the last.
+    let (seen, cell_mm2) = (RectMm::around_view(view, 0), mm_per_px[0] * mm_per_px[1]);
+    // The first pixel in view, and one past the last one.
     let inside = |k: usize, count: usize| {
         let before = |end: f64| (0..count).take_while(|at| origin_mm[k] + *at as f64 * mm_per_px[k] < end).count();
         (before(seen.min[k]), before(seen.max[k]))
@@ -158,8 +164,8 @@ fn pressed_around(load: &Load, view: &View) -> (f64, f64) {
     (sum * cell_mm2, touching as f64 * cell_mm2)
 }
 
-/// Pixels around the view in which the object reaches below the undeformed pad.
-fn overlapped_around(depth: &Depth) -> u64 {
+/// Counts the pixels around the view in which the object reaches below the undeformed pad.
+fn count_penetrating_around_view(depth: &Depth) -> u64 {
     let Depth { penetration, margin_px, touching, .. } = depth;
     let [x1, y1] = [penetration.width, penetration.height].map(|size| size - margin_px);
     let mut count = 0;

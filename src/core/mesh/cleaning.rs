@@ -1,4 +1,4 @@
-//! A triangle mesh in millimetres, cleaned of what no ray or raster can use.
+//! A triangle mesh in millimetres, cleaned of everything that rays and rasters cannot use.
 //!
 //! Vertices are stored in f32 relative to the centre of their bounding box, so that an object modelled 1 km
 //! from its origin keeps its micrometres; the centre itself is kept in f64. Equal positions become one vertex,
@@ -8,24 +8,24 @@ use serde::Serialize;
 
 use super::MeshError;
 
-/// Triangles over shared vertices. Built by [`Mesh::new`] only, so every mesh is finite and non-empty.
+/// Triangles over shared vertices. Only [`Mesh::new`] makes one, so every mesh is finite and non-empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mesh {
-    /// Positions in mm, relative to `centre_mm`; each differs from the others and is used by a triangle.
+    /// Positions in mm, relative to `centre_mm`. All are different, and each is used by a triangle.
     pub vertices: Vec<[f32; 3]>,
-    /// Indices into `vertices`, three different ones each.
+    /// Indices into `vertices`; the three of a triangle are different.
     pub triangles: Vec<[u32; 3]>,
     /// Centre of the bounding box in the object's own frame, mm.
     pub centre_mm: [f64; 3],
 }
 
-/// Longest side of a mesh's bounding box, mm: its places are known to a part in 10^7, so a millimetre.
+/// Longest side of a mesh's bounding box, mm. Coordinates have a relative precision of 1 in 10^7, here a millimetre.
 pub const LARGEST_MM: f64 = 1e7;
 
-/// What cleaning removed.
+/// Counts of what cleaning removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct CleanupReport {
-    /// Vertices with a NaN or infinite coordinate; triangles that used them went too.
+    /// Vertices with a NaN or infinite coordinate. Triangles that use them are removed too.
     pub non_finite_vertices: usize,
     /// Triangles without area: two equal corners, or three on a line.
     pub zero_area: usize,
@@ -34,22 +34,22 @@ pub struct CleanupReport {
 }
 
 impl Mesh {
-    /// Cleans and centres a mesh given in mm. Vertices and triangles keep the order in which the triangles that
-    /// stay first name them.
+    /// Cleans and centres a mesh given in mm. Vertices and triangles keep the order in which the remaining triangles
+    /// first name them.
     ///
-    /// Goes: a vertex that is not finite in f32, with its triangles; a triangle whose cross product is exactly
-    /// zero, computed in f64 from the positions as given or from those in f32 (no other threshold: slivers stay);
-    /// a triangle with the corners of an earlier one in any order; a vertex that no triangle uses.
-    /// The bounding box is that of the triangles that are finite and have area as given.
+    /// Removed are: vertices that are not finite in f32, with their triangles; triangles whose cross product is exactly
+    /// zero, computed in f64 from the given positions or from those in f32 (there is no other threshold: slivers stay);
+    /// triangles with the corners of an earlier one in any order; vertices that no triangle uses. The bounding box is
+    /// that of the triangles that are finite and have area as given.
     ///
     /// # Errors
     ///
-    /// No vertex or triangle, before or after cleaning; an index without a vertex; more than u32 can count; an object
-    /// larger than [`LARGEST_MM`].
+    /// No vertex or no triangle, before or after cleaning; an index without a vertex; more than u32 can count; an
+    /// object larger than [`LARGEST_MM`].
     pub fn new(vertices_mm: Vec<[f64; 3]>, mut triangles: Vec<[u32; 3]>) -> Result<(Mesh, CleanupReport), MeshError> {
         let count = vertices_mm.len();
         for (what, count) in [("vertices", count), ("triangles", triangles.len())] {
-            if count >= NONE as usize {
+            if count >= NO_INDEX as usize {
                 return Err(MeshError::TooMany(what));
             }
         }
@@ -95,12 +95,12 @@ impl Mesh {
         // Adding 0.0 turns -0.0 into 0.0, here and below: equal positions must have equal bits.
         let centre_mm = [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis]) + 0.0);
 
-        // A closed surface has half as many vertices as triangles.
-        let mut positions = Distinct::with_capacity(count.min(triangles.len() / 2));
-        let mut merged = vec![NONE; count];
+        // Initial capacity: a closed surface has about half as many vertices as triangles.
+        let mut positions = DistinctKeys::with_capacity(count.min(triangles.len() / 2));
+        let mut merged = vec![NO_INDEX; count];
         for corner in triangles.as_flattened_mut() {
             let index = *corner as usize;
-            if merged[index] == NONE {
+            if merged[index] == NO_INDEX {
                 let vertex = vertices_mm[index];
                 let centred = [0, 1, 2].map(|axis| (vertex[axis] - centre_mm[axis]) as f32 + 0.0);
                 merged[index] = positions.insert(centred.map(f32::to_bits));
@@ -110,6 +110,7 @@ impl Mesh {
         drop(vertices_mm);
         let positions: Vec<[f32; 3]> = positions.keys.into_iter().map(|bits| bits.map(f32::from_bits)).collect();
 
+        // Rounding to f32 can collapse further triangles.
         triangles.retain(|triangle| {
             let keep = has_area(triangle.map(|index| positions[index as usize].map(f64::from)));
             cleaned.zero_area += usize::from(!keep);
@@ -127,10 +128,10 @@ impl Mesh {
 
         let mut vertices = Vec::with_capacity(positions.len());
         merged.clear();
-        merged.resize(positions.len(), NONE);
+        merged.resize(positions.len(), NO_INDEX);
         for corner in triangles.as_flattened_mut() {
             let index = *corner as usize;
-            if merged[index] == NONE {
+            if merged[index] == NO_INDEX {
                 merged[index] = vertices.len() as u32;
                 vertices.push(positions[index]);
             }
@@ -143,8 +144,8 @@ impl Mesh {
 }
 
 impl CleanupReport {
-    /// What went, in words for a warning, such as `dropped 3 triangles without area and 12 duplicates`;
-    /// `None` if nothing did.
+    /// Describes what was removed, in words for a warning, such as `dropped 3 triangles without area and 12
+    /// duplicates`; `None` if nothing was.
     pub fn warning(&self) -> Option<String> {
         let mut dropped = Vec::new();
         let mut add = |count: usize, one: &str, many: &str| match count {
@@ -172,44 +173,44 @@ impl CleanupReport {
     }
 }
 
-/// No index: so a mesh has at most `u32::MAX - 1` vertices and triangles.
-const NONE: u32 = u32::MAX;
+/// No index. A mesh therefore has at most `u32::MAX - 1` vertices and triangles.
+const NO_INDEX: u32 = u32::MAX;
 
 fn is_finite(vertex: &[f64; 3]) -> bool {
     vertex.iter().all(|&coordinate| (coordinate as f32).is_finite())
 }
 
-/// Differences and products of f32 values are exact in f64 (unless their exponents lie far apart), so there zero
-/// means zero.
+/// Returns true if a triangle has an area. Differences and products of f32 values are exact in f64 (unless their
+/// exponents lie far apart), so that zero means exactly zero.
 fn has_area([a, b, c]: [[f64; 3]; 3]) -> bool {
     let [u, v] = [b, c].map(|corner| [0, 1, 2].map(|axis| corner[axis] - a[axis]));
     u[1] * v[2] != u[2] * v[1] || u[2] * v[0] != u[0] * v[2] || u[0] * v[1] != u[1] * v[0]
 }
 
-/// Numbers distinct keys in order of first appearance: an open-addressing hash table, several times as quick as
-/// `HashMap` with its default hasher on the millions of keys that a large mesh has.
-struct Distinct {
+/// Numbers distinct keys in the order of their first appearance: an open-addressing hash table, several times as fast
+/// as `HashMap` with its default hasher on the millions of keys of a large mesh.
+struct DistinctKeys {
     keys: Vec<[u32; 3]>,
-    /// Indices into `keys`, or `NONE`; the length is a power of two and at least twice that of `keys`.
+    /// Indices into `keys`, or `NO_INDEX`; the length is a power of two and at least twice that of `keys`.
     slots: Vec<u32>,
 }
 
-impl Distinct {
+impl DistinctKeys {
     fn with_capacity(count: usize) -> Self {
-        let slots = vec![NONE; (2 * (count + 1)).next_power_of_two()];
-        Distinct { keys: Vec::with_capacity(count), slots }
+        let slots = vec![NO_INDEX; (2 * (count + 1)).next_power_of_two()];
+        DistinctKeys { keys: Vec::with_capacity(count), slots }
     }
 
-    /// The number of `key`, a new one if it was not there yet.
+    /// Returns the number of `key`, a new one at its first appearance.
     fn insert(&mut self, key: [u32; 3]) -> u32 {
         if self.slots.len() < 2 * (self.keys.len() + 1) {
             self.grow();
         }
         let mask = self.slots.len() - 1;
-        let mut slot = hash(key) & mask;
+        let mut slot = hash_key(key) & mask;
         loop {
             match self.slots[slot] {
-                NONE => {
+                NO_INDEX => {
                     let number = self.keys.len() as u32;
                     self.slots[slot] = number;
                     self.keys.push(key);
@@ -224,10 +225,10 @@ impl Distinct {
     fn grow(&mut self) {
         let len = 4 * self.slots.len();
         self.slots.clear();
-        self.slots.resize(len, NONE);
+        self.slots.resize(len, NO_INDEX);
         for (number, &key) in self.keys.iter().enumerate() {
-            let mut slot = hash(key) & (len - 1);
-            while self.slots[slot] != NONE {
+            let mut slot = hash_key(key) & (len - 1);
+            while self.slots[slot] != NO_INDEX {
                 slot = (slot + 1) & (len - 1);
             }
             self.slots[slot] = number as u32;
@@ -235,8 +236,8 @@ impl Distinct {
     }
 }
 
-/// Two rounds of folded multiplication; the constants are the fractions of pi and of the golden ratio.
-fn hash([a, b, c]: [u32; 3]) -> usize {
+/// Hashes a key by two rounds of folded multiplication; the constants are the fractions of pi and of the golden ratio.
+fn hash_key([a, b, c]: [u32; 3]) -> usize {
     let fold = |x: u64, y: u64| {
         let product = u128::from(x) * u128::from(y);
         product as u64 ^ (product >> 64) as u64
@@ -245,16 +246,17 @@ fn hash([a, b, c]: [u32; 3]) -> usize {
     fold(first ^ u64::from(c), 0x9e37_79b9_7f4a_7c15) as usize
 }
 
-/// For each triangle, whether an earlier one has the same corners in any order.
+/// Returns for each triangle whether an earlier one has the same corners in any order.
 ///
-/// Sorts the triangles within those that share their lowest corner: quicker than a hash table, since neighbours
-/// in the list mostly are neighbours on the surface.
+/// Triangles that share their lowest corner are sorted together. This is faster than a hash table, since neighbours in
+/// the list mostly are neighbours on the surface.
 fn find_duplicates(triangles: &[[u32; 3]], vertices: usize) -> Vec<bool> {
     let sorted = |triangle: &[u32; 3]| {
         let mut corners = *triangle;
         corners.sort_unstable();
         corners
     };
+    // A counting sort by the lowest corner: `ends` and `starts` delimit the triangles of each vertex.
     let mut ends = vec![0u32; vertices];
     for triangle in triangles {
         ends[sorted(triangle)[0] as usize] += 1;
@@ -393,7 +395,7 @@ mod tests {
     }
 
     proptest! {
-        /// The plain twin: quadratic searches instead of hash tables, on a small grid where much coincides.
+        /// A plain reference: quadratic searches instead of hash tables, on a small grid where much coincides.
         #[test]
         fn cleaning_agrees_with_a_plain_search(
             grid in prop::collection::vec(prop::array::uniform3(-1i8..=1), 1..40),

@@ -1,8 +1,9 @@
-//! A mesh ready to be captured: clusters of neighbouring triangles under a bounding-volume hierarchy.
+//! A mesh ready for capture: clusters of neighbouring triangles under a bounding-volume hierarchy.
 //!
-//! Up to 128 triangles that are neighbours along a Morton curve form a cluster with vertices of its own, so that a
-//! pose transforms each vertex about once and a whole cluster is culled by one box. The hierarchy over the boxes is
-//! obvhs' (PLOC). A mesh without two equal triangles (see [`super::cleaning`]) keeps its build away from quadratic time.
+//! Up to 128 triangles that are neighbours along a Morton curve form a cluster with its own vertices, so that a pose
+//! transforms each vertex about once, and one box test can skip a cluster. The hierarchy over the boxes comes from
+//! obvhs (PLOC). Meshes must not contain equal triangles (see [`super::cleaning`]); these could make the build take
+//! quadratic time.
 
 use glam::{DMat3, DVec3, Vec3A};
 use obvhs::aabb::Aabb;
@@ -15,10 +16,10 @@ use super::cleaning::Mesh;
 
 /// Most triangles in a cluster.
 pub const MAX_TRIANGLES: usize = 128;
-/// Most vertices in a cluster: their numbers fit a byte.
+/// Most vertices in a cluster, so that a vertex number fits in a byte.
 pub const MAX_VERTICES: usize = 128;
 
-/// Triangles over vertices of their own.
+/// A range of triangles, and of the vertices that belong to them only.
 #[derive(Clone, Copy, Debug)]
 pub struct Cluster {
     first_vertex: u32,
@@ -38,16 +39,16 @@ pub struct Clusters {
     centre_mm: [f64; 3],
 }
 
-/// One cluster's geometry, mm relative to the object's centre.
+/// Geometry of one cluster, mm relative to the object's centre.
 #[derive(Clone, Copy)]
-pub struct Part<'a> {
-    /// x of its vertices.
+pub struct ClusterPart<'a> {
+    /// x of the vertices.
     pub x: &'a [f32],
-    /// y of its vertices.
+    /// y of the vertices.
     pub y: &'a [f32],
-    /// z of its vertices.
+    /// z of the vertices.
     pub z: &'a [f32],
-    /// Its triangles, as numbers of vertices.
+    /// The triangles, as indices of vertices.
     pub corners: &'a [[u8; 3]],
 }
 
@@ -58,7 +59,7 @@ impl fmt::Debug for Clusters {
 }
 
 impl Clusters {
-    /// Of nothing: no query finds anything.
+    /// Makes an object without triangles: queries find nothing.
     pub fn empty() -> Self {
         Self {
             hierarchy: Bvh2::default(),
@@ -71,7 +72,7 @@ impl Clusters {
         }
     }
 
-    /// True if there is nothing.
+    /// Returns true if there are no triangles.
     pub(crate) fn is_empty(&self) -> bool {
         self.clusters.is_empty()
     }
@@ -88,7 +89,7 @@ impl Clusters {
             corners: Vec::with_capacity(order.len()),
             centre_mm: mesh.centre_mm,
         };
-        // For each vertex of the mesh: the cluster that copied it last, and its number there.
+        // For each vertex of the mesh: the cluster that copied it last, and its index in that cluster.
         let mut seen = vec![(u32::MAX, 0_u8); mesh.vertices.len()];
         let mut open = Cluster { first_vertex: 0, first_triangle: 0, vertex_count: 0, triangle_count: 0 };
         let mut boxes = Vec::new();
@@ -96,9 +97,10 @@ impl Clusters {
             let triangle = mesh.triangles[index as usize];
             let id = built.clusters.len() as u32;
             let new = triangle.iter().filter(|&&v| seen[v as usize].0 != id).count();
+            // A triangle may add up to three vertices that the open cluster does not have yet.
             let full = open.triangle_count as usize == MAX_TRIANGLES || open.vertex_count as usize + new > MAX_VERTICES;
             if full {
-                boxes.push(built.close(open));
+                boxes.push(built.push_cluster(open));
                 open = Cluster {
                     first_vertex: built.x.len() as u32,
                     first_triangle: built.corners.len() as u32,
@@ -122,18 +124,18 @@ impl Clusters {
             built.corners.push(corners);
             open.triangle_count += 1;
         }
-        boxes.push(built.close(open));
-        built.hierarchy = hierarchy(&boxes);
+        boxes.push(built.push_cluster(open));
+        built.hierarchy = build_hierarchy(&boxes);
         built
     }
 
-    /// The same object, this many times as large around its origin; `factor` is above 0.
+    /// Returns the object scaled about its origin by `factor`, which must be above 0.
     pub fn scaled(&self, factor: f64) -> Self {
         let by = factor as f32;
         let scaled = |values: &[f32]| values.iter().map(|value| value * by).collect();
         let mut hierarchy = self.hierarchy.clone();
         for node in &mut hierarchy.nodes {
-            // Rounding keeps the order of numbers: the box of scaled vertices is the scaled box.
+            // Rounding preserves the order of numbers: the box of the scaled vertices is the scaled box.
             let bounds = *node.aabb();
             node.set_aabb(Aabb::new(bounds.min * by, bounds.max * by));
         }
@@ -148,8 +150,8 @@ impl Clusters {
         }
     }
 
-    /// This object and others as one, in this one's frame: of each of the others the rotation and translation, mm, that take
-    /// it there. This one's coordinates keep their bits.
+    /// Joins this object with others into one, in this object's frame. The rotation and translation (mm) of each of the
+    /// others take it into this frame. This object's coordinates keep their bits.
     pub(crate) fn with_others(&self, others: &[(Arc<Self>, DMat3, DVec3)]) -> Self {
         let own = (self, DMat3::IDENTITY, DVec3::ZERO);
         let all = || std::iter::once(own).chain(others.iter().map(|(other, turn, at)| (&**other, *turn, *at)));
@@ -165,14 +167,14 @@ impl Clusters {
         };
         let mut boxes = Vec::with_capacity(joined.clusters.capacity());
         for (part, rotation, translation_mm) in all() {
-            // In this order nothing is lost where the object is far from its origin.
+            // Summed in this order, nothing is lost where the object is far from its origin.
             let centre =
                 rotation * DVec3::from_array(part.centre_mm) + translation_mm - DVec3::from_array(self.centre_mm);
             let first_triangle = joined.corners.len() as u32;
             joined.corners.extend_from_slice(&part.corners);
             for cluster in &part.clusters {
                 let first_vertex = joined.x.len() as u32;
-                let Part { x, y, z, .. } = part.part(*cluster);
+                let ClusterPart { x, y, z, .. } = part.cluster_part(*cluster);
                 for ((x, y), z) in x.iter().zip(y).zip(z) {
                     let moved = rotation * DVec3::new(f64::from(*x), f64::from(*y), f64::from(*z)) + centre;
                     joined.x.push(moved.x as f32);
@@ -180,14 +182,14 @@ impl Clusters {
                     joined.z.push(moved.z as f32);
                 }
                 let first_triangle = first_triangle + cluster.first_triangle;
-                boxes.push(joined.close(Cluster { first_vertex, first_triangle, ..*cluster }));
+                boxes.push(joined.push_cluster(Cluster { first_vertex, first_triangle, ..*cluster }));
             }
         }
-        joined.hierarchy = hierarchy(&boxes);
+        joined.hierarchy = build_hierarchy(&boxes);
         joined
     }
 
-    fn close(&mut self, cluster: Cluster) -> Aabb {
+    fn push_cluster(&mut self, cluster: Cluster) -> Aabb {
         let vertices = cluster.first_vertex as usize..self.x.len();
         let mut bounds = Aabb::empty();
         for at in vertices {
@@ -197,14 +199,18 @@ impl Clusters {
         bounds
     }
 
-    /// The point of the object's own frame that all coordinates here are relative to, mm.
+    /// Returns the point of the object's own frame that all coordinates are relative to, mm.
     pub fn centre_mm(&self) -> [f64; 3] {
         self.centre_mm
     }
 
-    /// Calls `visit` with every part whose box, and all boxes around it, pass `keep(min, max)`.
+    /// Calls `visit` for every part whose box, and all boxes around it, pass `keep(min, max)`.
     #[inline(always)]
-    pub fn query<'a>(&'a self, mut keep: impl FnMut([f32; 3], [f32; 3]) -> bool, mut visit: impl FnMut(Part<'a>)) {
+    pub fn query<'a>(
+        &'a self,
+        mut keep: impl FnMut([f32; 3], [f32; 3]) -> bool,
+        mut visit: impl FnMut(ClusterPart<'a>),
+    ) {
         let mut stack = vec![0_usize];
         while let Some(at) = stack.pop() {
             let Some(node) = self.hierarchy.nodes.get(at) else { continue };
@@ -214,7 +220,7 @@ impl Clusters {
             let first = node.first_index as usize;
             if node.is_leaf() {
                 for &cluster in &self.hierarchy.primitive_indices[first..first + node.prim_count as usize] {
-                    visit(self.part(self.clusters[cluster as usize]));
+                    visit(self.cluster_part(self.clusters[cluster as usize]));
                 }
             } else {
                 stack.extend([first + 1, first]);
@@ -223,11 +229,11 @@ impl Clusters {
     }
 
     #[inline(always)]
-    fn part(&self, cluster: Cluster) -> Part<'_> {
+    fn cluster_part(&self, cluster: Cluster) -> ClusterPart<'_> {
         let vertices = cluster.first_vertex as usize..cluster.first_vertex as usize + cluster.vertex_count as usize;
         let triangles =
             cluster.first_triangle as usize..cluster.first_triangle as usize + cluster.triangle_count as usize;
-        Part {
+        ClusterPart {
             x: &self.x[vertices.clone()],
             y: &self.y[vertices.clone()],
             z: &self.z[vertices],
@@ -235,11 +241,12 @@ impl Clusters {
         }
     }
 
-    /// The largest value of `direction . vertex`, with vertices relative to [`Clusters::centre_mm`].
+    /// Returns the largest value of `direction . vertex`, with vertices relative to [`Clusters::centre_mm`].
     pub fn extreme(&self, direction: [f64; 3]) -> f64 {
         let best = std::cell::Cell::new(f64::NEG_INFINITY);
         self.query(
             |min, max| {
+                // The upper bound of the dot product over a box takes the better of its sides along each axis.
                 let bound: f64 =
                     (0..3).map(|k| (direction[k] * f64::from(min[k])).max(direction[k] * f64::from(max[k]))).sum();
                 bound > best.get()
@@ -255,7 +262,8 @@ impl Clusters {
         best.get()
     }
 
-    /// Mean of the vertices whose `direction . vertex` is within `slack` of `extreme`, relative to the centre.
+    /// Returns the mean of the vertices whose `direction . vertex` is within `slack` of `extreme`, relative to the
+    /// centre.
     pub fn extreme_point(&self, direction: [f64; 3], extreme: f64, slack: f64) -> [f64; 3] {
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         self.query(
@@ -279,13 +287,13 @@ impl Clusters {
     }
 }
 
-/// Over the boxes of clusters, in their order.
-fn hierarchy(boxes: &[Aabb]) -> Bvh2 {
+/// Builds the hierarchy over the boxes of clusters, in their order.
+fn build_hierarchy(boxes: &[Aabb]) -> Bvh2 {
     let numbers: Vec<u32> = (0..boxes.len() as u32).collect();
     PlocBuilder::new().build(PlocSearchDistance::Low, boxes, numbers, SortPrecision::U64, 0)
 }
 
-/// Numbers of the triangles along a Morton (Z-order) curve through their centres.
+/// Returns the triangles' numbers along a Morton (Z-order) curve through their centres.
 fn morton_order(mesh: &Mesh) -> Vec<u32> {
     const BITS: u32 = 21;
     let mut min = [f32::INFINITY; 3];
@@ -306,18 +314,18 @@ fn morton_order(mesh: &Mesh) -> Vec<u32> {
             let mut key = 0;
             for (k, min) in min.iter().enumerate() {
                 let sum: f64 = triangle.iter().map(|&v| f64::from(mesh.vertices[v as usize][k])).sum();
-                key |= spread(((sum / 3.0 - f64::from(*min)) * scale) as u64) << k;
+                key |= spread_bits(((sum / 3.0 - f64::from(*min)) * scale) as u64) << k;
             }
             (key, index as u32)
         })
         .collect();
-    // The number breaks ties, so an unstable sort has one result.
+    // The number breaks ties, so that an unstable sort has a unique result.
     keyed.sort_unstable();
     keyed.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Puts two zero bits between each two of the lowest 21 bits.
-fn spread(bits: u64) -> u64 {
+/// Inserts two zero bits between neighbouring bits of the lowest 21.
+fn spread_bits(bits: u64) -> u64 {
     let mut v = bits & 0x1f_ffff;
     v = (v | v << 32) & 0x001f_0000_0000_ffff;
     v = (v | v << 16) & 0x001f_0000_ff00_00ff;

@@ -1,4 +1,4 @@
-//! The object that is pressed into the gel: one cleaned [`Mesh`] in millimetres, and what capture and `inspect` know of
+//! The object that is pressed into the gel: one cleaned [`Mesh`] in millimetres, divided into clusters for capturing
 //! it.
 
 pub mod cleaning;
@@ -7,7 +7,7 @@ pub mod nearest;
 
 pub use cleaning::{CleanupReport, Mesh};
 
-/// Why vertices and triangles make no mesh.
+/// Why vertices and triangles do not make a mesh.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeshError {
@@ -20,23 +20,24 @@ pub enum MeshError {
     /// There is no triangle (or polygon).
     #[error("no triangle")]
     NoTriangle,
-    /// There were triangles, but cleaning dropped all of them.
+    /// There were triangles, but cleaning removed all of them.
     #[error("no triangle left: {}", .0.warning().unwrap_or_default())]
     NothingLeft(CleanupReport),
-    /// A face refers to a vertex that is not there.
+    /// A face refers to a vertex that does not exist.
     #[error("face refers to vertex {index}, but the file has {count}{note}")]
     NoSuchVertex {
-        /// The index as the file has it.
+        /// The index as it stands in the file.
         index: i64,
-        /// Vertices there are.
+        /// Number of vertices.
         count: usize,
-        /// What to know about the two.
+        /// An explanation of the two numbers.
         note: &'static str,
     },
-    /// Over [`cleaning::LARGEST_MM`]. Of such an object 32 bits do not tell a millimetre.
+    /// The bounding box is longer than [`cleaning::LARGEST_MM`]: 32-bit numbers cannot resolve a millimetre of such an
+    /// object.
     #[error("is {0:.3e} mm across, over {limit:.0e} mm: is its unit right?", limit = cleaning::LARGEST_MM)]
     TooLarge(f64),
-    /// More than 32-bit indices can count.
-    #[error("has more than {} {}, the most there may be", u32::MAX - 1, .0)]
+    /// More vertices or triangles than 32-bit indices can count.
+    #[error("has more than {} {}, the largest number allowed", u32::MAX - 1, .0)]
     TooMany(&'static str),
 }

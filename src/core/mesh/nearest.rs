@@ -1,30 +1,31 @@
-//! Where a mesh comes closest to a point, and where a line first meets it.
+//! Finds where a mesh comes closest to a point, and where a line first hits it.
 
 use glam::DVec3;
 
-use super::clusters::{Clusters, Part};
-pub use crate::base::triangle::nearest_of_triangle;
+use super::clusters::{ClusterPart, Clusters};
+pub use crate::base::triangle::nearest_point_on_triangle;
 
-/// The point of the object that is closest to `to`, both in the object's own frame, mm.
+/// Returns the point of the object that is closest to `to`, both in the object's own frame, mm.
 pub fn nearest_point(object: &Clusters, to: DVec3) -> DVec3 {
-    nearest_from(object, to, None)
+    nearest_point_from(object, to, None)
 }
 
-/// The same, where a point of the object is `known` that is not far from it.
-pub fn nearest_from(object: &Clusters, to: DVec3, known: Option<DVec3>) -> DVec3 {
+/// Returns the point of the object that is closest to `to`, both in the object's own frame, mm. A `known` point of the
+/// object close to the result makes the search faster.
+pub fn nearest_point_from(object: &Clusters, to: DVec3, known: Option<DVec3>) -> DVec3 {
     let to = to - DVec3::from_array(object.centre_mm());
     let first = known.map(|known| known - DVec3::from_array(object.centre_mm()));
     let best = std::cell::Cell::new(first.map_or((f64::INFINITY, DVec3::ZERO), |at| (to.distance_squared(at), at)));
     object.query(
-        |min, max| to.distance_squared(nearest_of_box(to, min, max)) < best.get().0,
+        |min, max| to.distance_squared(nearest_point_on_box(to, min, max)) < best.get().0,
         |part| {
-            for [a, b, c] in triangles(part) {
-                // Few triangles of a part come as close as its box does.
+            for [a, b, c] in part_triangles(part) {
+                // A part's box can come close although few of its triangles do: test the triangle's own box first.
                 let in_box = to.clamp(a.min(b).min(c), a.max(b).max(c));
                 if to.distance_squared(in_box) >= best.get().0 {
                     continue;
                 }
-                let nearest = nearest_of_triangle(to, a, b, c);
+                let nearest = nearest_point_on_triangle(to, a, b, c);
                 let distance = to.distance_squared(nearest);
                 if distance < best.get().0 {
                     best.set((distance, nearest));
@@ -35,15 +36,15 @@ pub fn nearest_from(object: &Clusters, to: DVec3, known: Option<DVec3>) -> DVec3
     best.get().1 + DVec3::from_array(object.centre_mm())
 }
 
-/// The smallest `t` at which `from + t * direction`, a line in the object's own frame, meets the object; `None` if it
-/// passes it by. Neighbouring triangles leave no gap.
-pub fn first_along(object: &Clusters, from: DVec3, direction: DVec3) -> Option<f64> {
+/// Returns the smallest `t` at which `from + t * direction`, a line in the object's own frame, hits the object; `None`
+/// if it misses. `t` can be negative. Neighbouring triangles leave no gap.
+pub fn first_hit_along(object: &Clusters, from: DVec3, direction: DVec3) -> Option<f64> {
     let from = from - DVec3::from_array(object.centre_mm());
     let mut first: Option<f64> = None;
     object.query(
-        |min, max| line_meets(from, direction, min, max),
+        |min, max| line_hits_box(from, direction, min, max),
         |part| {
-            for t in triangles(part).filter_map(|triangle| met_at(triangle, from, direction)) {
+            for t in part_triangles(part).filter_map(|triangle| hit_parameter(triangle, from, direction)) {
                 first = Some(first.map_or(t, |first| first.min(t)));
             }
         },
@@ -51,8 +52,8 @@ pub fn first_along(object: &Clusters, from: DVec3, direction: DVec3) -> Option<f
     first
 }
 
-/// True if `from + t * direction`, a line in the object's own frame, meets the object for some `t` of 0 to `most`.
-pub fn is_met_along(object: &Clusters, from: DVec3, direction: DVec3, most: f64) -> bool {
+/// Returns true if `from + t * direction`, in the object's own frame, hits the object for some `t` from 0 to `most`.
+pub fn is_hit_along(object: &Clusters, from: DVec3, direction: DVec3, most: f64) -> bool {
     let from = from - DVec3::from_array(object.centre_mm());
     let to = from + most * direction;
     let (low, high) = (from.min(to), from.max(to));
@@ -60,18 +61,22 @@ pub fn is_met_along(object: &Clusters, from: DVec3, direction: DVec3, most: f64)
     object.query(
         |min, max| {
             let [least, largest] = [min, max].map(|side| DVec3::from_array(side.map(f64::from)));
-            !met.get() && low.cmple(largest).all() && high.cmpge(least).all() && line_meets(from, direction, min, max)
+            !met.get()
+                && low.cmple(largest).all()
+                && high.cmpge(least).all()
+                && line_hits_box(from, direction, min, max)
         },
         |part| {
-            let mut meets = triangles(part).filter_map(|triangle| met_at(triangle, from, direction));
+            let mut meets = part_triangles(part).filter_map(|triangle| hit_parameter(triangle, from, direction));
             met.set(met.get() || meets.any(|t| (0.0..=most).contains(&t)));
         },
     );
     met.get()
 }
 
-/// Where a line meets a triangle. Neighbours share their edges' planes, to the bit.
-fn met_at(triangle: [DVec3; 3], from: DVec3, direction: DVec3) -> Option<f64> {
+/// Returns where a line hits a triangle; `None` if it misses or lies in the triangle's plane. Neighbours compute the
+/// plane of a shared edge with the same bits, so that no line passes between them.
+fn hit_parameter(triangle: [DVec3; 3], from: DVec3, direction: DVec3) -> Option<f64> {
     let [a, b, c] = triangle.map(|corner| corner - from);
     let [ab, bc, ca] = [a.cross(b), b.cross(c), c.cross(a)];
     let sides = [ab, bc, ca].map(|side| side.dot(direction));
@@ -80,13 +85,13 @@ fn met_at(triangle: [DVec3; 3], from: DVec3, direction: DVec3) -> Option<f64> {
     (within && along != 0.0).then(|| a.dot(bc) / along)
 }
 
-/// The point of a box that is closest to `to`.
-pub fn nearest_of_box(to: DVec3, min: [f32; 3], max: [f32; 3]) -> DVec3 {
+/// Returns the point of a box that is closest to `to`.
+pub fn nearest_point_on_box(to: DVec3, min: [f32; 3], max: [f32; 3]) -> DVec3 {
     to.clamp(DVec3::from_array(min.map(f64::from)), DVec3::from_array(max.map(f64::from)))
 }
 
-/// The triangles of a part, relative to the object's centre.
-pub fn triangles(part: Part<'_>) -> impl Iterator<Item = [DVec3; 3]> + '_ {
+/// Returns the triangles of a part, relative to the object's centre.
+pub fn part_triangles(part: ClusterPart<'_>) -> impl Iterator<Item = [DVec3; 3]> + '_ {
     let corner = move |at: u8| {
         let at = usize::from(at);
         DVec3::new(part.x[at].into(), part.y[at].into(), part.z[at].into())
@@ -94,8 +99,8 @@ pub fn triangles(part: Part<'_>) -> impl Iterator<Item = [DVec3; 3]> + '_ {
     part.corners.iter().map(move |corners| corners.map(corner))
 }
 
-/// True if a line goes through a box.
-fn line_meets(from: DVec3, direction: DVec3, min: [f32; 3], max: [f32; 3]) -> bool {
+/// Returns true if a line goes through a box.
+fn line_hits_box(from: DVec3, direction: DVec3, min: [f32; 3], max: [f32; 3]) -> bool {
     let (mut enters, mut leaves) = (f64::NEG_INFINITY, f64::INFINITY);
     for k in 0..3 {
         let [a, b] = [min[k], max[k]].map(|side| f64::from(side) - from[k]);
@@ -108,6 +113,6 @@ fn line_meets(from: DVec3, direction: DVec3, min: [f32; 3], max: [f32; 3]) -> bo
             (enters, leaves) = (enters.max(a.min(b)), leaves.min(a.max(b)));
         }
     }
-    // A hair more than the box: rounding shall lose no triangle.
+    // Slightly larger than the box, so that rounding misses no triangle.
     enters <= leaves + 1e-9 * leaves.abs().max(1.0)
 }

@@ -1,17 +1,17 @@
-//! The picture of the untouched pad: a photograph, or one that the sensor renders for itself.
+//! The picture of the untouched pad: a photograph, or one that is rendered.
 //!
 //! The rendered one is a plausible look, not a measurement: diffuse light, a glow that falls off from each LED's edge
-//! of the image, a vignette, the fine grain of the coating and specks of dust, which are the same in every sample. The
-//! model is ours.
-//! A `pattern` is a measurement: what real pads of a kind have in common, a polynomial of fourth degree in each channel.
+//! of the image, a vignette, and the fine grain of the coating and specks of dust, which are the same in every sample.
+//! The model is ours. A `pattern`, however, is measured: what real pads of a kind have in common, as a polynomial of
+//! fourth degree in each channel.
 
 use super::led::Led;
 use crate::base::angle::sin_cos_deg;
-use crate::base::grain::grain;
+use crate::base::grain::grain_noise;
 use crate::base::grid::{Grid, Rect};
 use crate::base::light::Light;
 use crate::base::light::quantise;
-use crate::base::rng::stream;
+use crate::base::rng::random_stream;
 use crate::base::simd::simd_dispatch;
 use crate::base::view::View;
 use serde::{Deserialize, Serialize};
@@ -25,22 +25,22 @@ pub struct BackgroundImage {
     pub height: usize,
     /// Row-major RGB.
     pub rgb: Vec<u8>,
-    /// The same as one plane per channel.
+    /// The same pixels as one plane per channel.
     pub planes: [Vec<u8>; 3],
     /// Pixels with a channel at full scale.
     pub saturated_px: u64,
 }
 
 impl BackgroundImage {
-    /// From row-major RGB.
+    /// Makes a background image of row-major RGB.
     pub fn new(width: usize, height: usize, rgb: Vec<u8>) -> Self {
         let planes = std::array::from_fn(|k| rgb.iter().skip(k).step_by(3).copied().collect());
         let mut reference = Self { width, height, rgb, planes, saturated_px: 0 };
-        reference.saturated_px = reference.saturated_in(Rect::whole(width, height));
+        reference.saturated_px = reference.count_saturated_pixels(Rect::whole(width, height));
         reference
     }
 
-    /// A part of it as light.
+    /// Returns a part of it as light.
     pub fn light(&self, region: Rect) -> Light {
         let planes = self.planes.each_ref().map(|plane| {
             let mut light = vec![0.0; region.area()];
@@ -60,9 +60,9 @@ impl BackgroundImage {
         Light { region, planes }
     }
 
-    /// Pixels of a part with a channel at full scale.
+    /// Counts the pixels of a part that have a channel at full scale.
     #[inline(always)]
-    pub(crate) fn saturated_in(&self, part: Rect) -> u64 {
+    pub(crate) fn count_saturated_pixels(&self, part: Rect) -> u64 {
         let [red, green, blue] = &self.planes;
         let mut count = 0;
         for y in part.y0..part.y1 {
@@ -75,23 +75,26 @@ impl BackgroundImage {
     }
 
     /// Renders the untouched pad of a sensor without a photograph.
-    pub(crate) fn rendered(look: &RenderedBackground, leds: &[Led], field_of_view_mm: [f64; 2], view: &View) -> Self {
-        Self::rendered_with(&look.noise(view), look, leds, field_of_view_mm, view)
+    pub(crate) fn render(look: &RenderedBackground, leds: &[Led], field_of_view_mm: [f64; 2], view: &View) -> Self {
+        Self::render_with_noise(&look.grain_noise(view), look, leds, field_of_view_mm, view)
     }
 
-    /// The same with the noise of the coating's grain, [`RenderedBackground::noise`], which other looks may share.
-    pub(crate) fn rendered_with(
+    /// Renders the untouched pad with this noise of the coating's grain ([`RenderedBackground::grain_noise`]), which
+    /// other looks may share.
+    pub(crate) fn render_with_noise(
         grain: &Grid<f32>,
         look: &RenderedBackground,
         leds: &[Led],
         field_of_view_mm: [f64; 2],
         view: &View,
     ) -> Self {
-        // It falls exponentially with the distance to the LED, which is that along x and that along y together.
+        // The glow falls exponentially with the distance to the LED, which is one along x plus one along y. So it is a
+        // product of two factors, which are computed per column and per row.
         let along = |led: &Led, k: usize| -> Vec<f64> {
             let (sin, cos) = sin_cos_deg(led.azimuth_deg);
             let (towards, half) = ([cos, sin][k], field_of_view_mm[k] / 2.0);
-            let distance = |at: usize| half * libm::fabs(towards) - place_mm(at, k, field_of_view_mm, view) * towards;
+            let distance =
+                |at: usize| half * libm::fabs(towards) - pixel_centre_mm(at, k, field_of_view_mm, view) * towards;
             (0..view.resolution_px[k]).map(|at| libm::exp(-distance(at) / look.glow_reach_mm)).collect()
         };
         let strengths: Vec<[Vec<f64>; 2]> = leds.iter().map(|led| [along(led, 0), along(led, 1)]).collect();
@@ -99,11 +102,12 @@ impl BackgroundImage {
             let [columns, rows] = &strengths[led];
             columns[i] * rows[j]
         };
-        Self::glowing(grain, look, leds, field_of_view_mm, view, glow)
+        Self::render_with_glow(grain, look, leds, field_of_view_mm, view, glow)
     }
 
-    /// The same of a pad on which an LED glows as strongly as its number and a pixel's column and row say, 1 at the LED.
-    pub(crate) fn glowing(
+    /// Renders the untouched pad with the glow of each LED, 1 at the LED, that `strength` gives for the LED's number
+    /// and a pixel's column and row.
+    pub(crate) fn render_with_glow(
         grain: &Grid<f32>,
         look: &RenderedBackground,
         leds: &[Led],
@@ -115,18 +119,18 @@ impl BackgroundImage {
         let half = field_of_view_mm.map(|mm| mm / 2.0);
         let corner = half[0] * half[0] + half[1] * half[1];
         let leds = if look.glow == 0.0 { &[] } else { leds };
-        let dust = look.dust(field_of_view_mm, view);
-        let columns_mm: Vec<f64> = (0..width).map(|i| place_mm(i, 0, field_of_view_mm, view)).collect();
+        let dust = look.dust_transmission(field_of_view_mm, view);
+        let columns_mm: Vec<f64> = (0..width).map(|i| pixel_centre_mm(i, 0, field_of_view_mm, view)).collect();
         let (mut colors, mut glow) = ([0; 3].map(|_| vec![0.0; width]), vec![0.0; width]);
         let mut rgb = Vec::with_capacity(width * height * 3);
         for j in 0..height {
-            let y = place_mm(j, 1, field_of_view_mm, view);
+            let y = pixel_centre_mm(j, 1, field_of_view_mm, view);
             for (values, color) in colors.iter_mut().zip(look.color) {
                 values.fill(color);
             }
             if let Some(pattern) = &look.pattern {
                 for (i, x) in columns_mm.iter().enumerate() {
-                    let factors = pattern.at(x / half[0], y / half[1]);
+                    let factors = pattern.color_at(x / half[0], y / half[1]);
                     colors.iter_mut().zip(factors).for_each(|(values, factor)| values[i] *= factor);
                 }
             }
@@ -139,7 +143,7 @@ impl BackgroundImage {
                     || {
                         for (values, share) in colors.iter_mut().zip(led.color) {
                             for (value, glow) in values.iter_mut().zip(&glow) {
-                                // Light that is added to a bright pad saturates softly, and never beyond white.
+                                // Light that is added to a bright pad saturates softly, and never exceeds white.
                                 *value += (glow * share).min(1.0) * (1.0 - *value);
                             }
                         }
@@ -157,15 +161,15 @@ impl BackgroundImage {
     }
 }
 
-/// Where the middle of a column (`k` is 0) or a row lies, mm from the image's middle.
-fn place_mm(at: usize, k: usize, field_of_view_mm: [f64; 2], view: &View) -> f64 {
+/// Returns where the centre of a column (`k` is 0) or of a row (`k` is 1) lies, mm from the middle of the image.
+fn pixel_centre_mm(at: usize, k: usize, field_of_view_mm: [f64; 2], view: &View) -> f64 {
     (at as f64 + 0.5) * view.mm_per_px[k] - field_of_view_mm[k] / 2.0
 }
 
-/// Most specks of dust that are drawn.
-const MOST_SPECKS: f64 = 20_000.0;
+/// Largest number of specks of dust that are drawn.
+const MAX_SPECKS: f64 = 20_000.0;
 
-/// Parameters of the image that an untouched pad gives where no real one is at hand.
+/// Parameters of the image that an untouched pad gives, for sensors without a photograph of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
@@ -191,49 +195,49 @@ pub struct RenderedBackground {
     pub pattern: Option<Box<Pattern>>,
 }
 
-/// A polynomial of fourth degree for each channel in the place x, y, each from -1 at the left and the top of the image to 1: the
-/// factors of 1, y, y^2, y^3, y^4, x, x y, x y^2, x y^3, x^2, x^2 y, x^2 y^2, x^3, x^3 y, x^4.
+/// A polynomial of fourth degree for each channel in the place x, y, each from -1 at the left and the top of the image
+/// to 1: the coefficients of 1, y, y^2, y^3, y^4, x, x y, x y^2, x y^3, x^2, x^2 y, x^2 y^2, x^3, x^3 y, x^4.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Pattern {
-    /// Of red.
+    /// Coefficients of red.
     pub red: [f64; 15],
-    /// Of green.
+    /// Coefficients of green.
     pub green: [f64; 15],
-    /// Of blue.
+    /// Coefficients of blue.
     pub blue: [f64; 15],
 }
 
 impl RenderedBackground {
-    /// The noise of its grain over a view: of mean 0 and standard deviation 1.
-    pub(crate) fn noise(&self, view: &View) -> Grid<f32> {
+    /// Computes the noise of the grain over a view, with mean 0 and standard deviation 1.
+    pub(crate) fn grain_noise(&self, view: &View) -> Grid<f32> {
         let [width, height] = view.resolution_px;
-        grain(width, height, self.grain_size_mm, view, "grain")
+        grain_noise(width, height, self.grain_size_mm, view, "grain")
     }
 
-    /// The share of the light that specks of dust leave, or add where they shine; `None` without any. A denser pad has the
-    /// specks of a sparser one, and more.
-    fn dust(&self, field_of_view_mm: [f64; 2], view: &View) -> Option<Grid<f32>> {
-        /// Strongest speck; most are far weaker.
+    /// Computes the fraction of the light that specks of dust leave, above 1 where they shine; `None` without dust. A
+    /// denser pad has the specks of a sparser one, and more.
+    fn dust_transmission(&self, field_of_view_mm: [f64; 2], view: &View) -> Option<Grid<f32>> {
+        /// Strength of the strongest speck; most are far weaker.
         const STRONGEST: f64 = 0.3;
-        /// One in so many shines instead of taking light.
+        /// One speck in so many shines instead of taking light.
         const SHINING: usize = 6;
         let area_cm2 = field_of_view_mm[0] * field_of_view_mm[1] / 100.0;
-        // A view of metres shows its specks as no more than grain.
-        let count = (self.dust_per_cm2 * area_cm2).round().min(MOST_SPECKS) as usize;
+        // Limited: where a view of metres had more specks, they would look like grain.
+        let count = (self.dust_per_cm2 * area_cm2).round().min(MAX_SPECKS) as usize;
         if count == 0 {
             return None;
         }
         let [width, height] = view.resolution_px;
         let mut shares = Grid { width, height, data: vec![1.0; width * height] };
         for number in 0..count {
-            let mut random = stream(0, "dust", number as u64);
-            let middle = [0, 1].map(|k| random.unit() * view.resolution_px[k] as f64);
-            let size_mm = self.dust_size_mm * (0.5 + random.unit());
-            let strength = STRONGEST * random.unit() * random.unit();
-            let strength = if random.below(SHINING) == 0 { strength } else { -strength };
-            // Never smaller than half a pixel: a camera blurs what is.
+            let mut random = random_stream(0, "dust", number as u64);
+            let middle = [0, 1].map(|k| random.uniform() * view.resolution_px[k] as f64);
+            let size_mm = self.dust_size_mm * (0.5 + random.uniform());
+            let strength = STRONGEST * random.uniform() * random.uniform();
+            let strength = if random.uniform_below(SHINING) == 0 { strength } else { -strength };
+            // Never smaller than half a pixel: the camera would blur it to that.
             let reach: [f64; 2] = std::array::from_fn(|k| (size_mm / view.mm_per_px[k]).max(0.5));
             let span = |k: usize| {
                 let [first, end] = [-4.0, 4.0].map(|side| middle[k] + side * reach[k]);
@@ -247,35 +251,38 @@ impl RenderedBackground {
                 }
             }
         }
+        // Specks that overlap could take more than all of the light.
         shares.data.iter_mut().for_each(|share| *share = share.max(0.0));
         Some(shares)
     }
 }
 
 impl Pattern {
-    /// Red, green and blue at a place; never below 0.
-    fn at(&self, x: f64, y: f64) -> [f64; 3] {
+    /// Returns red, green and blue at a place; never below 0.
+    fn color_at(&self, x: f64, y: f64) -> [f64; 3] {
         self.polynomial(x, y).map(|value| value.max(0.0))
     }
 
-    /// The polynomials of red, green and blue at a place.
+    /// Returns the polynomials of red, green and blue at a place, x and y from -1 to 1.
     pub fn polynomial(&self, x: f64, y: f64) -> [f64; 3] {
         let powers = |v: f64| [1.0, v, v * v, v * v * v, v * v * v * v];
         let (px, py) = (powers(x), powers(y));
         [&self.red, &self.green, &self.blue]
-            .map(|coefficients| degrees().zip(coefficients).map(|((i, j), c)| c * px[i] * py[j]).sum())
+            .map(|coefficients| term_powers().zip(coefficients).map(|((i, j), c)| c * px[i] * py[j]).sum())
     }
 }
 
-/// Powers of x and y of a pattern's coefficients, in their order.
-fn degrees() -> impl Iterator<Item = (usize, usize)> {
+/// Returns the powers of x and y that a pattern's coefficients belong to, in their order.
+fn term_powers() -> impl Iterator<Item = (usize, usize)> {
     (0..5).flat_map(|i| (0..5 - i).map(move |j| (i, j)))
 }
 
-/// Numbers that go together as a pattern's coefficients do, from independent ones: the weights of Legendre polynomials, each as
-/// strong as the next. Drawn one by one, coefficients of one direction would not take each other back, as those of pads do.
-pub fn together(independent: &[f64; 15]) -> [f64; 15] {
-    /// Factors of the powers of x in Legendre's polynomials of mean square 1 over -1 to 1.
+/// Makes numbers that vary together as a pattern's coefficients do from independent ones, the weights of Legendre
+/// polynomials, each as strong as the next.
+///
+/// The coefficients along one direction of real pads balance each other. If they were drawn one by one, they would not.
+pub fn correlate_coefficients(independent: &[f64; 15]) -> [f64; 15] {
+    /// Coefficients of the powers of x in Legendre polynomials of mean square 1 over -1 to 1.
     const LEGENDRE: [[f64; 5]; 5] = [
         [1.0, 0.0, 0.0, 0.0, 0.0],
         [0.0, 1.732_050_807_568_877_2, 0.0, 0.0, 0.0],
@@ -283,15 +290,15 @@ pub fn together(independent: &[f64; 15]) -> [f64; 15] {
         [0.0, -3.968_626_966_596_886, 0.0, 6.614_378_277_661_476, 0.0],
         [1.125, 0.0, -11.25, 0.0, 13.125],
     ];
-    let mut together = [0.0; 15];
-    for (together, (i, j)) in together.iter_mut().zip(degrees()) {
-        let weights = degrees().map(|(a, b)| LEGENDRE[a][i] * LEGENDRE[b][j]);
+    let mut correlated = [0.0; 15];
+    for (correlated, (i, j)) in correlated.iter_mut().zip(term_powers()) {
+        let weights = term_powers().map(|(a, b)| LEGENDRE[a][i] * LEGENDRE[b][j]);
         let (sum, squares) = weights
             .zip(independent)
             .fold((0.0, 0.0), |(sum, squares), (weight, number)| (sum + weight * number, squares + weight * weight));
-        *together = sum / f64::sqrt(squares);
+        *correlated = sum / f64::sqrt(squares);
     }
-    together
+    correlated
 }
 
 impl Default for RenderedBackground {

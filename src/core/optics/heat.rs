@@ -1,8 +1,8 @@
-//! Light that runs along a gel from an LED at its rim: from where it comes at each point of the skin.
+//! Light that runs along a gel from an LED at its rim: the direction from which it comes at each point of the skin.
 //!
-//! Light spreads through the gel's thin layer like heat, and comes from where it is denser (Crane, Weischedel and Wardetzky 2013, "Geodesics in Heat").
-//! On a gel that is round about its axis, the density is a sum over waves around that axis, each of which
-//! follows an equation in one dimension, along the meridian.
+//! Light spreads through the gel's thin layer like heat, and comes from where it is denser (Crane, Weischedel and
+//! Wardetzky 2013, "Geodesics in Heat"). On a gel that is round about its axis, the density is a sum over waves around
+//! that axis. Each wave follows an equation in one dimension, along the meridian.
 
 use std::f64::consts::PI;
 
@@ -11,17 +11,18 @@ use glam::DVec3;
 use on_mesh::HeatOnMesh;
 use round::HeatOnRound;
 
-mod even_mesh;
 mod on_mesh;
+mod remesh;
 mod round;
 
-/// Width of the LED at the rim, rad: the standard deviation.
-const LED_RAD: f64 = 0.15;
-/// How far light goes in the layer before it is 1 / e, in radii of the gel: where two ways are as short as each other, light comes
-/// from both over as much.
+/// Standard deviation of the LED's width at the rim, rad.
+const LED_WIDTH_RAD: f64 = 0.15;
+/// Distance over which light falls to 1 / e in the layer, in radii of the gel. Where two ways to the LED differ by less
+/// than that, light comes from both.
 const REACH: f64 = 0.2;
 
-/// Light that spreads on the way around a ball is so much less steep than light along a line, at least.
+/// How steeply light falls off that spreads on its way around a ball, as a fraction of light along a line: this or
+/// less.
 const SPREAD: f64 = 0.97;
 
 /// Directions of light over a gel from LEDs at its rim.
@@ -31,7 +32,7 @@ pub(super) enum Heat {
 }
 
 impl Heat {
-    /// Of LEDs at these azimuths.
+    /// Prepares the directions of light from LEDs at these azimuths, rad.
     pub fn new(shape: &GelShape, azimuths: impl Iterator<Item = f64>) -> Self {
         match shape {
             GelShape::Mesh(surface) => Self::Mesh(HeatOnMesh::new(surface, azimuths)),
@@ -39,16 +40,17 @@ impl Heat {
         }
     }
 
-    /// Towards an LED at one of the azimuths along the gel, of length 1 at most, and how far it is, mm.
-    pub fn at(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
+    /// Returns the direction along the gel towards an LED at one of the azimuths, of length 1 at most, and how far it
+    /// is, mm.
+    pub fn direction_and_distance_mm(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
         match self {
-            Self::Round(heat) => heat.at(site, azimuth),
-            Self::Mesh(heat) => heat.at(site.point_mm, site.normal, azimuth),
+            Self::Round(heat) => heat.direction_and_distance_mm(site, azimuth),
+            Self::Mesh(heat) => heat.direction_and_distance_mm(site.point_mm, site.normal, azimuth),
         }
     }
 }
 
-/// An angle, whichever way it turns, without whole turns.
-fn half_turn(angle: f64) -> f64 {
+/// Returns the size of an angle without whole turns, rad: 0 to pi.
+fn wrap_angle(angle: f64) -> f64 {
     (angle - 2.0 * PI * libm::round(angle / (2.0 * PI))).abs()
 }

@@ -20,10 +20,10 @@ pub mod phong;
 pub mod residual;
 pub mod shadow;
 pub mod skin;
-mod visible;
+mod threshold;
 
 use background::BackgroundImage;
-use calibrated::{Calibrated, Table};
+use calibrated::{Calibrated, CalibrationTable};
 use lamps::{Lamp, Lamps};
 use led::Led;
 use phong::Phong;
@@ -36,20 +36,20 @@ use residual::LightResidual;
 pub enum Model {
     /// LEDs at infinity, diffuse and specular reflection (Phong 1975, as used by Gomes, Wilson and Luo 2019).
     Phong(Phong),
-    /// The same with LEDs at their distance: direction and brightness differ from pixel to pixel.
+    /// LEDs at their distance, with the reflection of `phong`: direction and brightness differ from pixel to pixel.
     Led(Phong),
-    /// What `gelsim calibrate` measured on a real sensor; the sensor's `calibration` names the file. The default where
-    /// there is one.
+    /// Calibrated optics, which `gelsim calibrate` measured on a real sensor; the sensor's `calibration` names the
+    /// file. The default where there is one.
     Calibrated(Calibrated),
     /// One grey image under each of the sensor's lamps, as its maker measured them, and their composite in colour; the
     /// sensor's `lamp` tables hold them. The default where there are any.
     Lamps(Lamps),
 }
 
-/// What is known of a sensor's light: it decides the model that fidelity levels choose.
+/// What is known of a sensor's light. It decides which model a fidelity level chooses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightSource {
-    /// Its LEDs.
+    /// Its LEDs only.
     Leds,
     /// Lamps, each measured on its own.
     Lamps,
@@ -58,7 +58,7 @@ pub enum LightSource {
 }
 
 impl LightSource {
-    /// Of a sensor that may have a calibration and lamps.
+    /// Returns what is known of a sensor that may have a calibration and lamps; a calibration comes first.
     pub fn new(has_calibration: bool, lamps: &[Lamp]) -> Self {
         match (has_calibration, lamps) {
             (true, _) => Self::Calibration,
@@ -69,7 +69,7 @@ impl LightSource {
 }
 
 impl Model {
-    /// Its name in jobs and labels.
+    /// Returns the model's name in jobs and labels.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Phong(_) => "phong",
@@ -79,7 +79,7 @@ impl Model {
         }
     }
 
-    /// The same, to be changed.
+    /// Returns the parameters of the models with LEDs, to be changed; `None` for the others.
     pub fn phong_mut(&mut self) -> Option<&mut Phong> {
         match self {
             Self::Phong(phong) | Self::Led(phong) => Some(phong),
@@ -87,7 +87,7 @@ impl Model {
         }
     }
 
-    /// Parameters of the models with LEDs.
+    /// Returns the parameters of the models with LEDs; `None` for the others.
     pub fn phong(&self) -> Option<&Phong> {
         match self {
             Self::Phong(phong) | Self::Led(phong) => Some(phong),
@@ -96,7 +96,7 @@ impl Model {
     }
 }
 
-/// What of a sensor decides its light, beside the background image.
+/// What decides a sensor's light, besides the background image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Illumination<'a> {
     /// The LEDs.
@@ -107,78 +107,78 @@ pub struct Illumination<'a> {
     pub field_of_view_mm: [f64; 2],
     /// Thickness of the pad, mm.
     pub thickness_mm: f64,
-    /// The background image is a photograph.
-    pub photograph: bool,
-    /// Share of the light lost where the pad is pressed down to the shell.
+    /// True if the background image is a photograph.
+    pub is_photograph: bool,
+    /// Fraction of the light that is lost where the pad is pressed down to the shell.
     pub darkening: f64,
-    /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what they add is scaled by the rest of
-    /// that image. Without it nothing is scaled.
+    /// Light of the background image that is not the LEDs', 0 to 1 in each channel: what the LEDs add is scaled by the
+    /// rest of that image. `None`: it is not scaled.
     pub stray_light: Option<[f64; 3]>,
     /// Light that the LEDs leave unexplained.
     pub residual: Option<&'a LightResidual>,
 }
 
 impl Illumination<'_> {
-    /// Share of the light lost per mm of displacement.
+    /// Returns the fraction of the light that is lost per mm of displacement.
     fn darkening_per_mm(&self, phong: &Phong) -> f64 {
         phong.darkening.unwrap_or(self.darkening) / self.thickness_mm
     }
 }
 
-/// A model made ready for one sensor: everything that is the same for every sample.
+/// A model prepared for one sensor: everything that is the same in every sample.
 pub enum Shader {
     /// See [`Model::Phong`] and [`Model::Led`].
-    Leds(Box<led_shader::Shader>),
+    Leds(Box<led_shader::LedShader>),
     /// See [`Model::Calibrated`].
-    Calibrated(Box<calibrated::Shader>),
+    Calibrated(Box<calibrated::CalibratedShader>),
     /// See [`Model::Lamps`].
-    Lamps(Box<lamps::Shader>),
+    Lamps(Box<lamps::LampShader>),
 }
 
 impl Shader {
-    /// Prepares `model` for a sensor whose pad has `relief` at rest. `table` is what was measured on the sensor; a
-    /// calibrated model without any changes nothing.
+    /// Prepares `model` for a sensor whose pad has `relief` at rest. `table` is the sensor's calibration; with
+    /// calibrated optics and no table, no press changes the picture.
     pub fn new(
         model: &Model,
-        table: Option<&Table>,
+        table: Option<&CalibrationTable>,
         light: &Illumination,
         view: &View,
         relief: Option<Grid<f32>>,
     ) -> Self {
-        let leds = |phong, near| Self::Leds(Box::new(led_shader::Shader::new(phong, near, light, view, relief)));
+        let leds = |phong, near| Self::Leds(Box::new(led_shader::LedShader::new(phong, near, light, view, relief)));
         match model {
             Model::Phong(phong) => leds(*phong, false),
             Model::Led(phong) => leds(*phong, true),
             Model::Calibrated(calibrated) => {
-                Self::Calibrated(Box::new(calibrated::Shader::new(*calibrated, table, view)))
+                Self::Calibrated(Box::new(calibrated::CalibratedShader::new(*calibrated, table, view)))
             }
-            Model::Lamps(_) => Self::Lamps(Box::new(lamps::Shader::new(light.lamps, view))),
+            Model::Lamps(_) => Self::Lamps(Box::new(lamps::LampShader::new(light.lamps, view))),
         }
     }
 
-    /// True if it averages light over what is between pixel centres.
-    pub(crate) fn averages(&self) -> bool {
+    /// Returns true if the model averages light within pixels.
+    pub(crate) fn averages_within_pixels(&self) -> bool {
         matches!(self, Self::Leds(_))
     }
 
-    /// Share of the pixels in contact that are steeper or deeper than the presses that a calibration was fitted to; 0 with
-    /// another model.
-    pub fn share_beyond(&self, contact: &Contact) -> f64 {
+    /// Returns the fraction of the pixels in contact that are steeper or deeper than the presses that a calibration was
+    /// fitted to; 0 with another model.
+    pub fn extrapolated_fraction(&self, contact: &Contact) -> f64 {
         match self {
             Self::Leds(_) | Self::Lamps(_) => 0.0,
-            Self::Calibrated(calibrated) => calibrated.share_beyond(contact),
+            Self::Calibrated(calibrated) => calibrated.extrapolated_fraction(contact),
         }
     }
 
-    /// The light of the untouched pad over its picture `rest`.
-    pub(crate) fn untouched(&self, rest: &BackgroundImage) -> Light {
+    /// Computes the light of the untouched pad over its picture `rest`.
+    pub(crate) fn untouched_light(&self, rest: &BackgroundImage) -> Light {
         match self {
-            Self::Leds(leds) => leds.untouched(rest),
+            Self::Leds(leds) => leds.untouched_light(rest),
             Self::Calibrated(_) | Self::Lamps(_) => rest.light(Rect::whole(rest.width, rest.height)),
         }
     }
 
-    /// The light from the pad where it differs from that of the untouched one, whose picture is `rest`.
+    /// Computes the light from the pad where it differs from that of the untouched pad, whose picture is `rest`.
     pub fn shade<'a>(
         &'a self,
         contact: &'a Contact,

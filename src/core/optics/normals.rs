@@ -1,18 +1,18 @@
 //! Normals of the pad's surface.
 //!
 //! With w the displacement into the pad, the surface's height over the shell is f = thickness - w, growing away from
-//! the camera, and N = (df/dx, df/dy, -1), normalised, faces the camera. Differences are centred, with the kernels
-//! [-1 0 1] / (2 r) along rows and columns, r the pixel pitch (Gomes, Wilson and Luo 2019).
+//! the camera, and N = (df/dx, df/dy, -1), normalised, faces the camera. Differences are centred, with the kernels [-1
+//! 0 1] / (2 r) along rows and columns, r the pixel size (Gomes, Wilson and Luo 2019).
 
 use super::led::Normals;
 use crate::base::grid::{Grid, Rect};
 use crate::base::view::{SURFACE_BORDER, View};
 use crate::gelpad::Contact;
 
-/// Unit normals of the view, row-major; a flat pad is (0, 0, -1).
-pub fn normals(contact: &Contact, view: &View) -> Vec<[f32; 3]> {
+/// Computes the unit normals of the view, row-major; a flat pad has (0, 0, -1).
+pub fn surface_normals(contact: &Contact, view: &View) -> Vec<[f32; 3]> {
     let [width, height] = view.resolution_px;
-    let per_slope = view.mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let per_slope = view.mm_per_px.map(|pixel_mm| (0.5 / pixel_mm) as f32);
     let mut normals = Vec::with_capacity(width * height);
     for y in 0..height {
         let above = contact.surface.row(y);
@@ -29,13 +29,13 @@ pub fn normals(contact: &Contact, view: &View) -> Vec<[f32; 3]> {
     normals
 }
 
-/// Normals along row `row` of a part of the view.
+/// Computes the normals along row `row` of a part of the view.
 #[inline(always)]
-pub(super) fn set_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, row: usize, normals: &mut Normals) {
+pub(super) fn fill_row_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rect, row: usize, normals: &mut Normals) {
     let width = part.width();
     let window = |dx: usize, dy: usize| &shape.row(part.y0 + row + dy)[part.x0 + dx..][..width];
     let (left, right, above, below) = (window(0, 1), window(2, 1), window(1, 0), window(1, 2));
-    let [per_slope_x, per_slope_y] = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let [per_slope_x, per_slope_y] = mm_per_px.map(|pixel_mm| (0.5 / pixel_mm) as f32);
     let Normals { x: nx, y: ny, z: nz } = normals;
     for plane in [&mut *nx, &mut *ny, &mut *nz] {
         plane.resize(width, 0.0);

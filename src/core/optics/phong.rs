@@ -1,21 +1,21 @@
 //! LEDs with diffuse and specular reflection, over the picture of the untouched pad.
 //!
 //! Source: Phong (1975); constants and lights of Gomes, Wilson and Luo (2019). With N the surface normal, l the
-//! direction to the LED, R = 2 (N.l) N - l and V = (0, 0, -1) towards the camera, an LED gives
-//! k_d max(0, N.l) + k_s max(0, R.V)^alpha. The paper adds that to the background image; but a photograph of the
-//! untouched pad already holds the light that a flat pad reflects. So the flat pad's own term is taken off, and an
-//! untouched pad is the background exactly (`equation = "literal"` gives the paper's sum). How it darkens with
-//! depth is ours: a share of the light that grows in proportion to the displacement.
+//! direction to the LED, R = 2 (N.l) N - l and V = (0, 0, -1) towards the camera, an LED gives k_d max(0, N.l) + k_s
+//! max(0, R.V)^alpha. The paper adds that to the background image. But a photograph of the untouched pad already holds
+//! the light that a flat pad reflects. So the flat pad's own term is subtracted, and an untouched pad gives exactly the
+//! background (`equation = "literal"` gives the paper's sum). The darkening with depth is ours: a fraction of the light
+//! is lost that grows in proportion to the displacement.
 //!
-//! The light of LEDs is not even over a real pad: where the untouched pad is bright, a slope changes it more. A sensor whose
-//! `stray_light` s is known has what its LEDs add scaled by what they gave the untouched pad, background - s, in each
-//! channel; so LEDs that were fitted to one unit go with the background image of another.
+//! The light of LEDs is not even over a real pad: where the untouched pad is bright, a slope changes it more. If a
+//! sensor's `stray_light` s is known, what its LEDs add is scaled by what they gave the untouched pad, background - s,
+//! in each channel. So LEDs that were fitted to one unit suit the background image of another.
 //!
 //! Valid for low relief without interreflection; light is added in display values, as in the paper.
 
 use serde::{Deserialize, Serialize};
 
-use super::led::{Normals, PlacedLed, Row};
+use super::led::{Normals, PlacedLed, RowPositions};
 use crate::base::grid::Resolution;
 use crate::base::simd::simd_dispatch;
 
@@ -32,8 +32,8 @@ pub struct Phong {
     pub specular: f64,
     /// alpha: exponent of the specular lobe, 0 to 1000. The paper's: 5.
     pub shininess: f64,
-    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1; the sensor's where it is left out. Not
-    /// in the paper.
+    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1; the sensor's where it is left out.
+    /// Not in the paper.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub darkening: Option<f64>,
     /// What is added to the background.
@@ -93,14 +93,14 @@ impl Default for SoftShadows {
     }
 }
 
-/// Something to be computed with a power function that is chosen once, outside the loop over pixels.
+/// Work with a power function that is chosen once, outside the loop over pixels.
 pub(super) trait WithPower {
     type Output;
     fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Self::Output;
 }
 
 /// Runs `task` with x -> x^exponent for x >= 0. Small whole exponents are products; others go through `libm`.
-pub(super) fn with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
+pub(super) fn run_with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
     if exponent == 5.0 {
         task.run(
             #[inline(always)]
@@ -118,20 +118,20 @@ pub(super) fn with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
     }
 }
 
-/// What an LED of intensity 1 gives along a row of normals.
-pub fn reflect(phong: &Phong, led: &PlacedLed, normals: &Normals, row: Row<'_>, gain: &mut [f32]) {
-    with_power(phong.shininess, AlongRow { phong, led, normals, row, gain });
+/// Computes the light of an LED of intensity 1 along a row of normals, and writes it to `gain`.
+pub fn reflect_row(phong: &Phong, led: &PlacedLed, normals: &Normals, row: RowPositions<'_>, gain: &mut [f32]) {
+    run_with_power(phong.shininess, ReflectionTask { phong, led, normals, row, gain });
 }
 
-struct AlongRow<'a> {
+struct ReflectionTask<'a> {
     phong: &'a Phong,
     led: &'a PlacedLed,
     normals: &'a Normals,
-    row: Row<'a>,
+    row: RowPositions<'a>,
     gain: &'a mut [f32],
 }
 
-impl WithPower for AlongRow<'_> {
+impl WithPower for ReflectionTask<'_> {
     type Output = ();
 
     fn run(self, power: impl Fn(f32) -> f32 + Copy) {

@@ -1,10 +1,11 @@
-//! Light of a real pad that its LEDs leave unexplained: a polynomial of each channel in the surface's normal and displacement.
+//! Light of a real pad that its LEDs leave unexplained: a polynomial of each channel in the surface's normal and
+//! displacement.
 //!
-//! Coatings, walls of the housing and light that is reflected more than once make a real pad answer to a slope neither as
-//! Lambert's nor as Phong's surface does, and change its colour where it is pressed in. What presses of a ball show beyond
-//! the LEDs is fitted by the products of n_x and n_y up to the third degree, and by w, w n_y and w n_x, with w the
-//! displacement; a flat, unloaded pad has none of it. Beyond the steepest normal and the deepest displacement that it was
-//! fitted to it stays as it is there, while the LEDs go on. The model is ours.
+//! Coatings, walls of the housing and light that is reflected more than once make a real pad answer to a slope
+//! differently from Lambert's and Phong's surfaces, and change its colour where it is pressed in. What presses of a
+//! ball show besides the LEDs is fitted by the products of n_x and n_y up to the third degree, and by w, w n_y and w
+//! n_x, with w the displacement. A flat, unloaded pad shows none of it. Outside the normals and displacements that it
+//! was fitted to it stays as at their limits, while the light of the LEDs goes on. The model is ours.
 
 use std::ops::Range;
 
@@ -16,23 +17,23 @@ use super::led::Normals;
 pub const TERMS: usize = 12;
 
 /// The degree in the normal of each term without w.
-const DEGREES: [i32; 9] = [1, 1, 2, 2, 2, 3, 3, 3, 3];
+const TERM_DEGREES: [i32; 9] = [1, 1, 2, 2, 2, 3, 3, 3, 3];
 
 /// Light that the LEDs leave unexplained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LightResidual {
-    /// Largest length of (n_x, n_y) it was fitted to, 0.01 to 1. Steeper normals are taken for as steep ones.
+    /// Largest length of (n_x, n_y) it was fitted to, 0.01 to 1. Steeper normals are clamped to it.
     pub steepest: f64,
-    /// Lowest and highest displacement it was fitted to, mm: -100 to 0, and 0 to 100. Those beyond are taken for them.
+    /// Lowest and highest displacement it was fitted to, mm: -100 to 0, and 0 to 100. Others are clamped to them.
     pub heights_mm: [f64; 2],
-    /// Coefficients of red for n_y, n_x, n_y^2, n_x n_y, n_x^2, n_y^3, n_x n_y^2, n_x^2 n_y, n_x^3, w, w n_y and w n_x, with
-    /// w in mm, -100 to 100; scaled by the background as the LEDs are.
+    /// Coefficients of red for n_y, n_x, n_y^2, n_x n_y, n_x^2, n_y^3, n_x n_y^2, n_x^2 n_y, n_x^3, w, w n_y and w n_x,
+    /// with w in mm, -100 to 100; scaled by the background as the LEDs are.
     pub red: [f64; TERMS],
-    /// The same of green.
+    /// Coefficients of green, in the same order.
     pub green: [f64; TERMS],
-    /// The same of blue.
+    /// Coefficients of blue, in the same order.
     pub blue: [f64; TERMS],
 }
 
@@ -41,24 +42,27 @@ impl LightResidual {
         [&self.red, &self.green, &self.blue]
     }
 
-    /// A bound on the change of a channel by slopes whose angle is below `angle`, at any displacement.
+    /// Returns a bound on the change of each channel by slopes whose angle is below `angle`, rad, at any displacement.
     pub fn change_by_angle(&self, angle: f64) -> [f64; 3] {
         let deepest = self.heights_mm.map(f64::abs).into_iter().fold(0.0, f64::max);
         self.channels().map(|terms| {
-            let of_normal: f64 =
-                terms.iter().zip(DEGREES).map(|(term, degree)| term.abs() * libm::pow(angle, f64::from(degree))).sum();
+            let of_normal: f64 = terms
+                .iter()
+                .zip(TERM_DEGREES)
+                .map(|(term, degree)| term.abs() * libm::pow(angle, f64::from(degree)))
+                .sum();
             of_normal + (terms[10].abs() + terms[11].abs()) * deepest * angle
         })
     }
 
-    /// Change of a channel by the displacement alone, per mm, at most.
+    /// Returns the largest change of a channel by the displacement alone, per mm.
     pub fn change_per_mm(&self) -> f64 {
         self.channels().map(|terms| terms[9].abs()).into_iter().fold(0.0, f64::max)
     }
 
-    /// What shades with it.
-    pub(crate) fn ready(&self) -> Ready {
-        Ready {
+    /// Converts it to the shader's numbers.
+    pub(crate) fn prepare(&self) -> PreparedResidual {
+        PreparedResidual {
             steepest: self.steepest as f32,
             heights_mm: self.heights_mm.map(|mm| mm as f32),
             terms: self.channels().map(|terms| terms.map(|term| term as f32)),
@@ -66,20 +70,20 @@ impl LightResidual {
     }
 }
 
-/// The same in the numbers of the picture.
-pub struct Ready {
+/// A [`LightResidual`] in the shader's numbers.
+pub struct PreparedResidual {
     steepest: f32,
     heights_mm: [f32; 2],
     terms: [[f32; TERMS]; 3],
 }
 
-/// What it adds along a row, for each channel.
+/// Light of the residual along a row or over a part of the view, a plane for each channel.
 pub type Planes = [Vec<f32>; 3];
 
-impl Ready {
-    /// Adds `share` of what it gives along a row of normals and displacements (mm) to `sums`.
+impl PreparedResidual {
+    /// Adds the fraction `share` of the residual's light along a row of normals and displacements (mm) to `sums`.
     #[inline(always)]
-    pub(crate) fn add(&self, normals: &Normals, heights_mm: &[f32], share: f32, sums: [&mut [f32]; 3]) {
+    pub(crate) fn add_row(&self, normals: &Normals, heights_mm: &[f32], share: f32, sums: [&mut [f32]; 3]) {
         let width = heights_mm.len();
         let (normal_x, normal_y) = (&normals.x[..width], &normals.y[..width]);
         let [red, green, blue] = sums.map(|sum| &mut sum[..width]);
@@ -103,39 +107,39 @@ impl Ready {
     }
 }
 
-/// Sets the rows of `planes` to `width` zeros.
+/// Sets each plane to `width` zeros.
 #[inline(always)]
-pub fn clear(planes: &mut Planes, width: usize) {
+pub fn reset_planes(planes: &mut Planes, width: usize) {
     for plane in planes {
         plane.clear();
         plane.resize(width, 0.0);
     }
 }
 
-/// The same part of each plane.
+/// Returns the same part of each plane.
 #[inline(always)]
-pub fn part(planes: &mut Planes, run: Range<usize>) -> [&mut [f32]; 3] {
+pub fn slice_planes(planes: &mut Planes, run: Range<usize>) -> [&mut [f32]; 3] {
     planes.each_mut().map(|plane| &mut plane[run.clone()])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::rng::stream;
+    use crate::base::rng::random_stream;
 
     #[test]
     fn it_is_the_sum_of_its_terms_and_never_more_than_its_bounds() {
-        let mut random = stream(11, "residual", 0);
+        let mut random = random_stream(11, "residual", 0);
         for _ in 0..2000 {
-            let mut number = |scale: f64| scale * (2.0 * random.unit() - 1.0);
+            let mut number = |scale: f64| scale * (2.0 * random.uniform() - 1.0);
             let mut coefficients = || std::array::from_fn(|_| number(1.0));
             let [red, green, blue] = [coefficients(), coefficients(), coefficients()];
             let residual = LightResidual { steepest: 0.6, heights_mm: [-0.2, 1.5], red, green, blue };
             let (nx, ny, mm) = (number(0.7), number(0.7), number(2.0));
             let normals = Normals { x: vec![nx as f32], y: vec![ny as f32], z: vec![0.0] };
             let mut planes = Planes::default();
-            clear(&mut planes, 1);
-            residual.ready().add(&normals, &[mm as f32], 0.5, part(&mut planes, 0..1));
+            reset_planes(&mut planes, 1);
+            residual.prepare().add_row(&normals, &[mm as f32], 0.5, slice_planes(&mut planes, 0..1));
             let kept = (0.6 / nx.hypot(ny)).min(1.0);
             let (x, y, w) = (nx * kept, ny * kept, mm.clamp(-0.2, 1.5));
             let terms = [y, x, y * y, x * y, x * x, y.powi(3), x * y * y, x * x * y, x.powi(3), w, w * y, w * x];

@@ -1,47 +1,49 @@
-//! Python that loads a dataset, as its card shows it: each snippet runs by itself in the dataset's folder.
+//! Python code that loads a dataset, for its card. Each snippet runs by itself in the dataset's folder.
 
 use gelsim_job::config::output::{Container, Output};
-use gelsim_job::layers::{Coding, OutputLayer};
+use gelsim_job::layers::{LayerCoding, OutputLayer};
 
-/// What the samples of a dataset are.
+/// The kind of a dataset's samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum SampleKind {
     /// Single presses.
     Presses,
     /// Sequences of frames.
     Sequences,
     /// One object between two fingers.
     Grips,
-    /// Sequences of such.
+    /// Sequences of grips.
     GripSequences,
 }
 
-/// The snippets for a dataset that has samples in `split`.
-pub fn snippets(output: &Output, split: &str, kind: Kind) -> Vec<String> {
+/// Returns the snippets for a dataset that has samples in `split`.
+pub fn loading_snippets(output: &Output, split: &str, kind: SampleKind) -> Vec<String> {
     let fill = |text: String| text.replace("SPLIT", split);
     match (output.container, kind) {
-        (Container::Tar, Kind::Sequences) => vec![TAR_SEQUENCES.to_owned()],
-        (Container::Folder, Kind::Sequences) => vec![FOLDER_SEQUENCES.to_owned()],
+        (Container::Tar, SampleKind::Sequences) => vec![TAR_SEQUENCES.to_owned()],
+        (Container::Folder, SampleKind::Sequences) => vec![FOLDER_SEQUENCES.to_owned()],
         // A plan refuses grips in folders.
-        (_, Kind::GripSequences) => {
+        (_, SampleKind::GripSequences) => {
             vec![
                 TAR_SEQUENCES
                     .replace(".tactile.png", ".left.tactile.png")
                     .replace("[\"wrench\"]", "[\"left\"][\"wrench\"]"),
             ]
         }
-        (_, Kind::Grips) => vec![TAR_GRIPS.to_owned(), TAR_GRIP_COLUMNS.to_owned()],
-        (Container::Tar, Kind::Presses) => vec![webdataset(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()],
-        (Container::Folder, Kind::Presses) => vec![rows(output), FOLDER_BATCHES.to_owned()],
+        (_, SampleKind::Grips) => vec![TAR_GRIPS.to_owned(), TAR_GRIP_COLUMNS.to_owned()],
+        (Container::Tar, SampleKind::Presses) => {
+            vec![webdataset_snippet(output), TAR_COLUMNS.to_owned(), TAR_BATCHES.to_owned()]
+        }
+        (Container::Folder, SampleKind::Presses) => vec![rows_snippet(output), FOLDER_BATCHES.to_owned()],
     }
     .into_iter()
     .map(fill)
     .collect()
 }
 
-/// How depth is written, if it is.
-fn depth_coding(output: &Output) -> Option<Coding> {
-    output.layers.contains(&OutputLayer::Depth).then(|| OutputLayer::Depth.coding(output.depth_format))
+/// Returns how depth is encoded, or `None` if the dataset has no depth layer.
+fn depth_coding(output: &Output) -> Option<LayerCoding> {
+    output.layers.contains(&OutputLayer::Depth).then(|| OutputLayer::Depth.coding_for(output.depth_format))
 }
 
 const READ_EXR: &str = "\
@@ -52,10 +54,10 @@ def read_exr(data):  # rows and columns; with several channels a third axis, in 
 
 ";
 
-/// Samples by WebDataset, decoded. Only what is in the dataset is imported.
-fn webdataset(output: &Output) -> String {
+/// Makes the snippet that reads decoded samples with WebDataset. It imports only what the dataset's layers need.
+fn webdataset_snippet(output: &Output) -> String {
     let format = output.depth_format;
-    let has = |ending: &str| output.layers.iter().any(|layer| layer.coding(format).ending() == ending);
+    let has = |ending: &str| output.layers.iter().any(|layer| layer.coding_for(format).extension() == ending);
     let mut imports = vec!["import glob"];
     let (mut helpers, mut handlers, mut decoders) = (String::new(), String::new(), String::from("\"rgb8\""));
     if has("exr") || has("png16") {
@@ -82,9 +84,9 @@ fn webdataset(output: &Output) -> String {
         None => String::new(),
         Some(coding) => format!(
             "    depth_mm = sample[\"{}\"]{}\n",
-            OutputLayer::Depth.suffix(format),
+            OutputLayer::Depth.file_suffix(format),
             match coding {
-                Coding::Png16(scale) => format!(" * label[\"png16\"][\"{}\"]", scale.step_key()),
+                LayerCoding::Png16(scale) => format!(" * label[\"png16\"][\"{}\"]", scale.step_key()),
                 _ => String::new(),
             }
         ),
@@ -178,12 +180,12 @@ for images, deepest_mm in DataLoader(batches, batch_size=None, num_workers=2):
     print(images.shape, deepest_mm.max())
 ";
 
-/// Rows of metadata.jsonl by `datasets`, with the depth map from its own file.
-fn rows(output: &Output) -> String {
+/// Makes the snippet that reads rows of metadata.jsonl with `datasets`, and each depth map from its own file.
+fn rows_snippet(output: &Output) -> String {
     let (imports, read) = match depth_coding(output) {
         None => ("", String::new()),
-        Some(Coding::Npy) => ("import numpy\n", String::from("numpy.load(sample[\"depth_path\"])")),
-        Some(Coding::Png16(scale)) => (
+        Some(LayerCoding::Npy) => ("import numpy\n", String::from("numpy.load(sample[\"depth_path\"])")),
+        Some(LayerCoding::Png16(scale)) => (
             "import numpy\nfrom PIL import Image\n",
             format!("numpy.array(Image.open(sample[\"depth_path\"])) * sample[\"png16\"][\"{}\"]", scale.step_key()),
         ),

@@ -1,18 +1,18 @@
-//! The depth camera of a simulator: from its values to heights over the undeformed pad, pixel by pixel of the sensor's
-//! view.
+//! The depth camera of a simulator: converts its values to heights over the undeformed pad, for each pixel of the
+//! sensor's view.
 //!
-//! The camera stands `plane_mm` below the undeformed pad's surface, in the middle of the view, and looks outwards, as the
-//! sensor's own camera does: its columns go along x, its rows along y (docs/conventions.md).
+//! The camera stands `plane_mm` below the surface of the undeformed pad, in the middle of the view, and looks outwards,
+//! as the sensor's own camera does. Its columns go along x and its rows along y (docs/reference/conventions.md).
 
-use super::heights::Heights;
+use super::heights::FrameHeights;
 use super::perspective;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::view::View;
 use gelsim_files::diagnostic::Diagnostic;
 
-/// What the values of a frame are.
+/// Unit of the values of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
+pub enum DepthUnit {
     /// Metres.
     Metre,
     /// Millimetres.
@@ -21,12 +21,12 @@ pub enum Unit {
     Micrometre,
 }
 
-impl Unit {
+impl DepthUnit {
     /// Every unit.
     pub const ALL: [Self; 3] = [Self::Metre, Self::Millimetre, Self::Micrometre];
 
-    /// Millimetres in one.
-    pub fn mm(self) -> f64 {
+    /// Returns the millimetres per unit.
+    pub fn mm_per_unit(self) -> f64 {
         match self {
             Self::Metre => 1000.0,
             Self::Millimetre => 1.0,
@@ -34,8 +34,8 @@ impl Unit {
         }
     }
 
-    /// Its sign, as on the command line, and its plural.
-    pub fn names(self) -> (&'static str, &'static str) {
+    /// Returns the unit's symbol, as on the command line, and its plural.
+    pub fn symbol_and_plural(self) -> (&'static str, &'static str) {
         match self {
             Self::Metre => ("m", "metres"),
             Self::Millimetre => ("mm", "millimetres"),
@@ -43,31 +43,32 @@ impl Unit {
         }
     }
 
-    /// `value` of this unit in mm; exact where a unit is a power of ten of the other's.
+    /// Converts `value` from this unit to mm. The result is exact where the units differ by a power of ten that floats
+    /// can hold.
     fn to_mm(self, value: f64) -> f64 {
         match self {
-            // 1e-3 is no binary fraction: dividing rounds once.
+            // 1e-3 is no binary fraction: a division rounds only once.
             Self::Micrometre => value / 1000.0,
-            unit => value * unit.mm(),
+            unit => value * unit.mm_per_unit(),
         }
     }
 }
 
-/// How rays go from the camera.
+/// How the rays of the camera run.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Projection {
-    /// Parallel: each pixel is one of the view. Inside a gel that has a shape, those of the sensor's own lens.
+pub enum DepthProjection {
+    /// Parallel: each pixel is one of the view. Inside a gel with a shape, the rays are those of the sensor's own lens.
     Orthographic,
-    /// Through one point; pixels are square.
+    /// Through one point. Pixels are square.
     Perspective {
         /// Angle between the upper edge of the image and the lower one, degrees.
         fov_y_deg: f64,
     },
 }
 
-/// Along what distances are counted.
+/// The line along which distances are measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Along {
+pub enum DistanceAlong {
     /// The optical axis.
     #[default]
     Axis,
@@ -75,67 +76,69 @@ pub enum Along {
     Ray,
 }
 
-/// Where a depth camera stands and what it writes.
+/// Where a depth camera stands and how it writes distances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthCamera {
-    /// Of the values.
-    pub unit: Unit,
-    /// Distance of the undeformed pad's surface from the camera, mm; 0 where the sensor's lens says where the camera is.
+    /// Unit of the values.
+    pub unit: DepthUnit,
+    /// Distance of the undeformed pad's surface from the camera, mm; 0 if the sensor's lens says where the camera is.
     pub plane_mm: f64,
-    /// Nothing is farther from the camera than this, mm.
+    /// Distances beyond this, mm, are empty space.
     pub max_depth_mm: Option<f64>,
-    /// The value that stands for nothing.
+    /// The value that stands for empty space.
     pub background: Option<f64>,
-    /// Columns from right to left, rows from bottom to top.
+    /// Whether columns run from right to left, and rows from bottom to top.
     pub flip: [bool; 2],
-    /// What belongs to a pixel is found so far to the right and down of it in the frame (after flips), px.
+    /// Offset of the frame, px: what belongs to a pixel is found this far to the right of it and below it, after flips.
     pub offset_px: [f64; 2],
-    /// Its rays.
-    pub projection: Projection,
-    /// Along what its values are distances.
-    pub along: Along,
+    /// How its rays run.
+    pub projection: DepthProjection,
+    /// The line along which its values are distances.
+    pub along: DistanceAlong,
 }
 
 impl DepthCamera {
-    /// Heights from a frame as it was read. A problem if it has holes, or parallel rays and not the view's size.
-    pub fn heights(&self, frame: Grid<f64>, view: &View) -> Result<Heights, Diagnostic> {
+    /// Converts a frame, as it was read, to heights. It is an error if the frame has holes, or if its rays are parallel
+    /// and it does not have the size of the view.
+    pub fn to_heights(&self, frame: Grid<f64>, view: &View) -> Result<FrameHeights, Diagnostic> {
         let size = [frame.width, frame.height];
-        if self.projection == Projection::Orthographic && size != view.resolution_px {
+        if self.projection == DepthProjection::Orthographic && size != view.resolution_px {
             let [size, view] = [size, view.resolution_px].map(|[width, height]| format!("{width}x{height}"));
             let problem = Diagnostic::new(format!("it has {size} px, and the view has {view}"));
             return Err(problem.help("all frames of a run have one size; render those of others by themselves"));
         }
-        // Zero is what cameras write where they measured nothing; the pad is not at the camera.
-        let mut distances = self.distances_mm(frame, |mm| mm == 0.0 && self.plane_mm > 0.0)?;
+        // Cameras write zero where they measured nothing, and the pad cannot be at the camera itself.
+        let mut distances = self.to_distances_mm(frame, |mm| mm == 0.0 && self.plane_mm > 0.0)?;
         Ok(match self.projection {
-            Projection::Orthographic => {
-                let shifted = shifted(distances, self.offset_px);
+            DepthProjection::Orthographic => {
+                let shifted = shift_image(distances, self.offset_px);
                 let above = |mm: f64| (mm - self.plane_mm) as f32;
                 let data = shifted.data.into_iter().map(above).collect();
-                Heights { above_mm: Grid { width: shifted.width, height: shifted.height, data }, unseen_px: 0 }
+                FrameHeights { above_mm: Grid { width: shifted.width, height: shifted.height, data }, unseen_px: 0 }
             }
-            Projection::Perspective { fov_y_deg } => {
-                let pinhole = perspective::Pinhole::new(&distances, fov_y_deg, self.offset_px);
-                if self.along == Along::Ray {
-                    pinhole.take_along_axis(&mut distances);
+            DepthProjection::Perspective { fov_y_deg } => {
+                let pinhole = perspective::PinholeGeometry::new(&distances, fov_y_deg, self.offset_px);
+                if self.along == DistanceAlong::Ray {
+                    pinhole.convert_to_axis_distances(&mut distances);
                 }
-                perspective::orthographic(&distances, &pinhole, self.plane_mm, view)
+                perspective::reproject_orthographic(&distances, &pinhole, self.plane_mm, view)
             }
         })
     }
 
-    /// Distances from the camera in the order of the sensor's own pixels, mm; infinite where nothing is. Holes are a problem, and what
-    /// `is_hole` takes for one.
-    pub fn distances_mm(&self, frame: Grid<f64>, is_hole: impl Fn(f64) -> bool) -> Result<Grid<f64>, Diagnostic> {
+    /// Converts a frame to distances from the camera in the order of the sensor's own pixels, mm; infinite in empty
+    /// space. Holes are an error: NaN, values below any float32, and distances for which `is_hole` is true.
+    pub fn to_distances_mm(&self, frame: Grid<f64>, is_hole: impl Fn(f64) -> bool) -> Result<Grid<f64>, Diagnostic> {
         let Grid { width, height, mut data } = frame;
         let farthest = self.max_depth_mm.unwrap_or(f64::INFINITY);
         let mut holes = 0;
         let mut first = None;
         for (at, value) in data.iter_mut().enumerate() {
             let mm = match self.background {
-                Some(background) if is_same(*value, background) => f64::INFINITY,
+                Some(background) if is_same_value(*value, background) => f64::INFINITY,
                 _ => self.unit.to_mm(*value),
             };
+            // Values below any float32 would become minus infinity.
             if mm.is_nan() || mm < f64::from(f32::MIN) || is_hole(mm) {
                 holes += 1;
                 first.get_or_insert((at, mm));
@@ -144,7 +147,7 @@ impl DepthCamera {
         }
         let Some((at, mm)) = first else {
             let mut distances = Grid { width, height, data };
-            self.turn(&mut distances);
+            self.undo_flip(&mut distances);
             return Ok(distances);
         };
         let (name, value) = match mm {
@@ -167,8 +170,8 @@ impl DepthCamera {
         Err(Diagnostic::new(message).help(help))
     }
 
-    /// Undoes what a camera that looks otherwise does to an image.
-    fn turn(&self, distances: &mut Grid<f64>) {
+    /// Undoes the flips of the image.
+    fn undo_flip(&self, distances: &mut Grid<f64>) {
         let [columns, rows] = self.flip;
         let width = distances.width;
         if columns {
@@ -183,23 +186,24 @@ impl DepthCamera {
     }
 }
 
-/// True if a value of a frame is the one that the user wrote; a frame of float32 has only its nearest neighbour.
-fn is_same(value: f64, written: f64) -> bool {
+/// Returns true if a value of a frame is the one that the user wrote. A float32 frame holds only the nearest float32 of
+/// it.
+fn is_same_value(value: f64, written: f64) -> bool {
     let single = f64::from(value as f32) == value;
     value == written || (single && value as f32 == written as f32) || (value.is_nan() && written.is_nan())
 }
 
-/// The image read `offset` px to the right of and below each pixel: bilinear, the border's values go on beyond it. Where
-/// nothing is only counts by its share: a pixel is nothing if more than half of what it is made of is.
-fn shifted(image: Grid<f64>, offset: [f64; 2]) -> Grid<f64> {
+/// Shifts an image: each pixel takes the value `offset` px to the right of it and below it, bilinearly. Beyond the
+/// border the border's values are repeated. A pixel is empty space if more than half of its weight is.
+fn shift_image(image: Grid<f64>, offset: [f64; 2]) -> Grid<f64> {
     if offset == [0.0, 0.0] {
         return image;
     }
     let [width, height] = [image.width, image.height];
     let place = |at: usize, by: f64, size: usize| {
         let from = (at as f64 + by).clamp(0.0, (size - 1) as f64);
-        let whole = (from.floor() as usize).min(size.saturating_sub(2));
-        [(whole, 1.0 - (from - whole as f64)), ((whole + 1).min(size - 1), from - whole as f64)]
+        let first = (from.floor() as usize).min(size.saturating_sub(2));
+        [(first, 1.0 - (from - first as f64)), ((first + 1).min(size - 1), from - first as f64)]
     };
     let mut data = Vec::with_capacity(image.data.len());
     for y in 0..height {
@@ -226,14 +230,14 @@ mod tests {
     use super::*;
 
     const CAMERA: DepthCamera = DepthCamera {
-        unit: Unit::Millimetre,
+        unit: DepthUnit::Millimetre,
         plane_mm: 10.0,
         max_depth_mm: None,
         background: None,
         flip: [false; 2],
         offset_px: [0.0; 2],
-        projection: Projection::Orthographic,
-        along: Along::Axis,
+        projection: DepthProjection::Orthographic,
+        along: DistanceAlong::Axis,
     };
 
     fn view(width: usize, height: usize) -> View {
@@ -243,16 +247,16 @@ mod tests {
     fn heights(camera: DepthCamera, width: usize, data: &[f64]) -> Vec<f32> {
         let frame = Grid { width, height: data.len() / width, data: data.to_vec() };
         let view = view(width, frame.height);
-        camera.heights(frame, &view).map(|heights| heights.above_mm.data).unwrap_or_else(|said| panic!("{said:?}"))
+        camera.to_heights(frame, &view).map(|heights| heights.above_mm.data).unwrap_or_else(|said| panic!("{said:?}"))
     }
 
     #[test]
     fn a_height_is_the_distance_less_the_planes_in_every_unit() {
         let expected = [-0.5, 0.25, 40.0];
         for (unit, data) in [
-            (Unit::Metre, [0.0095, 0.01025, 0.05]),
-            (Unit::Millimetre, [9.5, 10.25, 50.0]),
-            (Unit::Micrometre, [9500.0, 10250.0, 50000.0]),
+            (DepthUnit::Metre, [0.0095, 0.01025, 0.05]),
+            (DepthUnit::Millimetre, [9.5, 10.25, 50.0]),
+            (DepthUnit::Micrometre, [9500.0, 10250.0, 50000.0]),
         ] {
             let found = heights(DepthCamera { unit, ..CAMERA }, 3, &data);
             assert!(found.iter().zip(expected).all(|(found, mm)| (found - mm).abs() < 1e-6), "{unit:?} {found:?}");
@@ -268,7 +272,7 @@ mod tests {
         let named = |value| DepthCamera { background: Some(value), ..CAMERA };
         assert_eq!(heights(named(0.0), 2, &[9.0, 0.0]), [-1.0, nothing]);
         assert_eq!(heights(named(f64::NAN), 2, &[9.0, f64::NAN]), [-1.0, nothing]);
-        // As float32 has it.
+        // The value as float32 has it.
         assert_eq!(heights(named(0.1), 2, &[9.0, f64::from(0.1_f32)]), [-1.0, nothing]);
         assert_eq!(heights(named(0.1), 2, &[9.0, 0.1 + 1e-12])[1], -9.9);
     }
@@ -276,11 +280,11 @@ mod tests {
     #[test]
     fn holes_are_counted_and_the_first_is_named() {
         let frame = Grid { width: 2, height: 2, data: vec![9.0, 9.0, f64::NAN, f64::NEG_INFINITY] };
-        let problem = CAMERA.heights(frame, &view(2, 2)).err().expect("refused");
+        let problem = CAMERA.to_heights(frame, &view(2, 2)).err().expect("refused");
         assert_eq!(problem.message, "2 pixels are no distances; the first is NaN in row 1, column 0");
         assert!(problem.help.is_some_and(|help| help.contains("--background-value=nan")));
         let frame = Grid { width: 2, height: 1, data: vec![9.0, 0.0] };
-        let problem = CAMERA.heights(frame, &view(2, 1)).err().expect("refused");
+        let problem = CAMERA.to_heights(frame, &view(2, 1)).err().expect("refused");
         assert_eq!(problem.message, "1 pixel is no distance: 0 in row 0, column 1");
     }
 
@@ -294,7 +298,7 @@ mod tests {
 
     #[test]
     fn an_offset_moves_a_plane_exactly_and_nothing_stays_nothing() {
-        // 10 + 2 x - y, read half a pixel further right and a quarter further up; far from the border.
+        // 10 + 2 x - y, read half a pixel further right and a quarter further up, far from the border.
         let plane = |x: f64, y: f64| 10.0 + 2.0 * x - y;
         let data: Vec<f64> = (0..25).map(|at| plane(f64::from(at % 5), f64::from(at / 5))).collect();
         let moved = heights(DepthCamera { offset_px: [0.5, -0.25], plane_mm: 0.0, ..CAMERA }, 5, &data);

@@ -1,54 +1,58 @@
-//! Whether what a frame shows can be right: units and the place of the pad are easily mistaken, and either shows.
+//! Checks whether a frame can be right. Wrong units and a wrong distance of the pad are common mistakes, and both can
+//! be seen in the heights.
 
 use glam::DVec3;
 
-use super::camera::{DepthCamera, Unit};
-use super::heights::Heights;
+use super::camera::{DepthCamera, DepthUnit};
+use super::heights::FrameHeights;
 use gelsim_files::diagnostic::Diagnostic;
 
-/// What is known of a frame's heights.
+/// The range of a frame's heights.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reach {
-    /// Height of the lowest point over the undeformed pad, or over a gel that has a shape, mm; infinite if nothing is seen.
+pub struct FrameReach {
+    /// Height of the lowest point over the undeformed pad, or over a gel with a shape, mm; infinite if nothing is seen.
     pub lowest_mm: f64,
-    /// That of the highest point that is seen.
+    /// Height of the highest point that is seen, mm.
     pub highest_mm: f64,
-    /// Pixels in which something is deeper than the pad is thick.
+    /// Number of pixels in which something lies deeper than the pad is thick.
     pub through_px: u64,
-    /// Pixels that the camera could not see.
+    /// Number of pixels that the camera could not see.
     pub unseen_px: u64,
-    /// The undeformed pad's normal, there on a gel that has a shape.
+    /// Normal of the undeformed pad at the lowest point.
     pub normal: DVec3,
     thickness_mm: f64,
-    against: Against,
+    against: ReferenceSurface,
 }
 
-/// What the camera's distances are held against.
+/// The surface with which the camera's distances are compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Against {
-    /// The flat pad's surface, all of which is as far from the camera.
+pub enum ReferenceSurface {
+    /// The surface of a flat pad, all of which is equally far from the camera.
     Plane,
-    /// A gel that has a shape: on the ray on which the object is nearest for how far the gel is, how far both are from the lens, mm.
+    /// A gel with a shape. The distances from the lens are on the ray on which the object is nearest in proportion to
+    /// the gel.
     Gel {
-        /// To the point.
+        /// Distance of the point that is seen, mm.
         seen_mm: f64,
-        /// To the gel.
+        /// Distance of the gel, mm.
         gel_mm: f64,
     },
 }
 
-impl Reach {
-    /// Of a frame that shows nothing over a gel that has a shape.
-    pub fn nothing(thickness_mm: f64, unseen_px: u64) -> Self {
-        let against = Against::Gel { seen_mm: f64::INFINITY, gel_mm: f64::INFINITY };
+impl FrameReach {
+    /// Makes the range of a frame that shows nothing over a gel with a shape.
+    pub fn without_object(thickness_mm: f64, unseen_px: u64) -> Self {
+        let against = ReferenceSurface::Gel { seen_mm: f64::INFINITY, gel_mm: f64::INFINITY };
         let (lowest_mm, highest_mm) = (f64::INFINITY, f64::NEG_INFINITY);
         Self { lowest_mm, highest_mm, through_px: 0, unseen_px, normal: DVec3::Z, thickness_mm, against }
     }
 
-    /// Takes a point into account, so far above a gel.
-    pub fn add(&mut self, above_mm: f64, against: Against) {
-        if let (Against::Gel { seen_mm, gel_mm }, Against::Gel { seen_mm: before_mm, gel_mm: of_gel_mm }) =
-            (against, self.against)
+    /// Adds a point at this height over a gel.
+    pub fn add_point(&mut self, above_mm: f64, against: ReferenceSurface) {
+        if let (
+            ReferenceSurface::Gel { seen_mm, gel_mm },
+            ReferenceSurface::Gel { seen_mm: before_mm, gel_mm: of_gel_mm },
+        ) = (against, self.against)
             && (before_mm == f64::INFINITY || seen_mm * of_gel_mm < before_mm * gel_mm)
         {
             self.against = against;
@@ -58,8 +62,8 @@ impl Reach {
         self.through_px += u64::from(above_mm < -self.thickness_mm);
     }
 
-    /// Of heights over a pad `thickness_mm` thick.
-    pub fn from_surface(heights: &Heights, thickness_mm: f64) -> Self {
+    /// Computes the range of heights over a pad `thickness_mm` thick.
+    pub fn from_surface(heights: &FrameHeights, thickness_mm: f64) -> Self {
         let thickness = thickness_mm as f32;
         let (mut lowest, mut highest, mut through_px) = (f32::INFINITY, f32::NEG_INFINITY, 0);
         for mm in &heights.above_mm.data {
@@ -74,113 +78,122 @@ impl Reach {
             unseen_px: heights.unseen_px,
             normal: DVec3::Z,
             thickness_mm,
-            against: Against::Plane,
+            against: ReferenceSurface::Plane,
         }
     }
 
-    /// True if something reaches into the pad.
-    pub fn touches(&self) -> bool {
+    /// Returns true if something reaches into the pad.
+    pub fn touches_pad(&self) -> bool {
         self.lowest_mm < 0.0
     }
 
-    /// True if something is pressed in so deep that it may be seen.
+    /// Returns true if something is pressed in deep enough to be visible.
     pub fn is_pressed(&self) -> bool {
         self.lowest_mm < -INVISIBLE_MM
     }
 
-    /// What cannot be right of one frame: all that it shows is behind the pad.
-    pub fn mistake(&self, camera: &DepthCamera) -> Option<Diagnostic> {
+    /// Returns an error if the frame cannot be right: all that it shows lies behind the pad.
+    pub fn find_error(&self, camera: &DepthCamera) -> Option<Diagnostic> {
         (self.lowest_mm.is_finite() && self.highest_mm < -self.thickness_mm).then(|| {
             let message = match self.against {
-                Against::Plane => format!(
+                ReferenceSurface::Plane => format!(
                     "all that is seen lies behind the pad, which is {} mm thick: {} to {} mm from the camera, and the \
                      pad's surface is at {} mm",
                     self.thickness_mm,
-                    rounded(self.lowest_mm + camera.plane_mm),
-                    rounded(self.highest_mm + camera.plane_mm),
-                    rounded(camera.plane_mm)
+                    round_to_micrometre(self.lowest_mm + camera.plane_mm),
+                    round_to_micrometre(self.highest_mm + camera.plane_mm),
+                    round_to_micrometre(camera.plane_mm)
                 ),
-                Against::Gel { seen_mm, gel_mm } => format!(
+                ReferenceSurface::Gel { seen_mm, gel_mm } => format!(
                     "all that is seen lies behind the gel, which is {} mm thick: it comes as near as {} mm to the camera, \
                      where the gel is at {} mm",
                     self.thickness_mm,
-                    rounded(seen_mm),
-                    rounded(gel_mm)
+                    round_to_micrometre(seen_mm),
+                    round_to_micrometre(gel_mm)
                 ),
             };
-            Diagnostic::new(message).help(self.fix(camera))
+            Diagnostic::new(message).help(self.suggest_fix(camera))
         })
     }
 
-    /// What cannot be right of a set of frames of which this one comes nearest to the pad, and does not press it.
-    pub fn out_of_reach(&self, camera: &DepthCamera) -> Diagnostic {
-        let what = if self.against == Against::Plane { "pad" } else { "gel" };
+    /// Makes the error for a set of frames none of which presses the pad. This frame comes nearest to it.
+    pub fn explain_out_of_reach(&self, camera: &DepthCamera) -> Diagnostic {
+        let what = if self.against == ReferenceSurface::Plane { "pad" } else { "gel" };
         let message = match self.lowest_mm.is_finite() {
             false => String::from("nothing is seen in any frame"),
-            true if self.touches() => {
+            true if self.touches_pad() => {
                 format!("the deepest press of all frames is {:.1e} mm, which no camera shows", -self.lowest_mm)
             }
             true => {
-                format!("nothing reaches the {what}: the nearest point is {} mm beyond it", rounded(self.lowest_mm))
+                format!(
+                    "nothing reaches the {what}: the nearest point is {} mm beyond it",
+                    round_to_micrometre(self.lowest_mm)
+                )
             }
         };
         Diagnostic::new(message)
-            .help(format!("{}; frames without contact are rendered with --no-contact-ok", self.fix(camera)))
+            .help(format!("{}; frames without contact are rendered with --no-contact-ok", self.suggest_fix(camera)))
     }
 
-    /// What is probably wrong with a frame that presses nothing, where other units would make it a press.
-    pub fn suspicion(&self, camera: &DepthCamera) -> Option<Diagnostic> {
-        let other = if self.is_pressed() { None } else { self.other_units(camera) };
+    /// Returns a warning if the frame presses nothing, but would with other units.
+    pub fn find_suspicion(&self, camera: &DepthCamera) -> Option<Diagnostic> {
+        let other = if self.is_pressed() { None } else { self.suggest_units(camera) };
         other.map(|help| {
-            let message = if self.touches() {
+            let message = if self.touches_pad() {
                 format!("the deepest press is {:.1e} mm, which no camera shows", -self.lowest_mm)
             } else {
-                format!("nothing reaches the pad: the nearest point is {} mm beyond it", rounded(self.lowest_mm))
+                format!(
+                    "nothing reaches the pad: the nearest point is {} mm beyond it",
+                    round_to_micrometre(self.lowest_mm)
+                )
             };
             Diagnostic::warning(message).help(help)
         })
     }
 
-    /// The likely way out: the unit in which the lowest point would be in the pad, or else the pad's place.
-    fn fix(&self, camera: &DepthCamera) -> String {
+    /// Suggests the likely fix: the unit in which the lowest point would be in the pad, or else the pad's distance.
+    fn suggest_fix(&self, camera: &DepthCamera) -> String {
         if !self.lowest_mm.is_finite() {
             return String::from("are --max-depth-mm and --background-value right?");
         }
-        match (self.other_units(camera), self.against) {
+        match (self.suggest_units(camera), self.against) {
             (Some(help), _) => help,
-            (None, Against::Gel { .. }) => String::from(
+            (None, ReferenceSurface::Gel { .. }) => String::from(
                 "does the frame's camera stand and look as [sensor.lens] says, and are its distances those that --depth-along says?",
             ),
-            (None, Against::Plane) => format!(
+            (None, ReferenceSurface::Plane) => format!(
                 "is --plane-mm {} right? it is the distance of the undeformed pad from the camera, in mm",
-                rounded(camera.plane_mm)
+                round_to_micrometre(camera.plane_mm)
             ),
         }
     }
 
-    /// The flags with which the values make a press, where one of them or the plane was given in another unit.
-    fn other_units(&self, camera: &DepthCamera) -> Option<String> {
-        let look = |unit: Unit| {
-            let (name, words) = unit.names();
+    /// Suggests the flags with which the values would be a press, if their unit or that of the pad's distance is wrong.
+    /// Returns `None` if there are none.
+    fn suggest_units(&self, camera: &DepthCamera) -> Option<String> {
+        let look = |unit: DepthUnit| {
+            let (name, words) = unit.symbol_and_plural();
             format!("the values look like {words}: --depth-unit {name}")
         };
-        if let Against::Gel { seen_mm, gel_mm } = self.against {
-            // Units are a thousand apart; a press is a few hundredths of the way to the gel.
-            let would_touch = |unit: &Unit| {
-                *unit != camera.unit && (0.3..1.01).contains(&(seen_mm * unit.mm() / camera.unit.mm() / gel_mm))
+        if let ReferenceSurface::Gel { seen_mm, gel_mm } = self.against {
+            // Units differ by a factor of a thousand; a press is a few hundredths of the way to the gel.
+            let would_touch = |unit: &DepthUnit| {
+                *unit != camera.unit
+                    && (0.3..1.01).contains(&(seen_mm * unit.mm_per_unit() / camera.unit.mm_per_unit() / gel_mm))
             };
-            return Unit::ALL.into_iter().find(would_touch).map(look);
+            return DepthUnit::ALL.into_iter().find(would_touch).map(look);
         }
-        let [nearest, farthest] = [self.lowest_mm, self.highest_mm].map(|mm| (mm + camera.plane_mm) / camera.unit.mm());
-        // A press under these, of a depth that is no unit's mistake again.
-        let presses = |unit: Unit, plane_mm: f64| {
-            let [lowest_mm, highest_mm] = [nearest, farthest].map(|value| value * unit.mm() - plane_mm);
-            // Units are a thousand apart; a press is a small part of the way to the pad.
+        let [nearest, farthest] =
+            [self.lowest_mm, self.highest_mm].map(|mm| (mm + camera.plane_mm) / camera.unit.mm_per_unit());
+        // True if the values are a press with these units, of a depth that is not itself a mistake of units.
+        let presses = |unit: DepthUnit, plane_mm: f64| {
+            let [lowest_mm, highest_mm] = [nearest, farthest].map(|value| value * unit.mm_per_unit() - plane_mm);
+            // Units differ by a factor of a thousand; a press is a small part of the way to the pad.
             (-self.thickness_mm..=-INVISIBLE_MM).contains(&lowest_mm)
                 && lowest_mm > -0.7 * plane_mm
                 && highest_mm > -self.thickness_mm
         };
-        // No camera is as near or as far as that: the distance was given in metres, or in micrometres.
+        // No camera is nearer than 1 mm or farther than 1 m: then the distance was given in metres or micrometres.
         let planes: Vec<f64> = match camera.plane_mm {
             mm if mm <= 0.0 => Vec::new(),
             mm if mm < 1.0 => vec![mm, 1e3 * mm],
@@ -188,7 +201,7 @@ impl Reach {
             mm => vec![mm],
         };
         let mut found = Vec::new();
-        for unit in Unit::ALL {
+        for unit in DepthUnit::ALL {
             for (k, plane_mm) in planes.iter().enumerate() {
                 let changes = u32::from(unit != camera.unit) + u32::from(k > 0);
                 if changes > 0 && presses(unit, *plane_mm) {
@@ -197,7 +210,7 @@ impl Reach {
             }
         }
         let (_, unit, k, plane_mm) = found.into_iter().min_by_key(|(changes, ..)| *changes)?;
-        let plane = format!("--plane-mm {}", rounded(plane_mm));
+        let plane = format!("--plane-mm {}", round_to_micrometre(plane_mm));
         Some(match (unit != camera.unit, k > 0) {
             (true, false) => look(unit),
             (true, true) => format!("{}, and the pad's distance is in mm: {plane}", look(unit)),
@@ -206,21 +219,22 @@ impl Reach {
     }
 }
 
-/// No set's deepest press is less than this, mm: presses of some millimetres, a thousand times too small, are.
+/// Depth below which a press is invisible, mm. The deepest press of a set is never below it, but presses of some
+/// millimetres read a thousand times too small are.
 const INVISIBLE_MM: f64 = 3e-3;
 
-/// A length to a micrometre, without zeros at its end.
-fn rounded(mm: f64) -> f64 {
+/// Rounds a length to a micrometre.
+fn round_to_micrometre(mm: f64) -> f64 {
     (mm * 1e3).round() / 1e3
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::camera::{Along, Projection};
+    use crate::frames::camera::{DepthProjection, DistanceAlong};
     use gelsim_core::base::grid::Grid;
 
-    fn camera(unit: Unit, plane_mm: f64) -> DepthCamera {
+    fn camera(unit: DepthUnit, plane_mm: f64) -> DepthCamera {
         DepthCamera {
             unit,
             plane_mm,
@@ -228,34 +242,34 @@ mod tests {
             background: None,
             flip: [false; 2],
             offset_px: [0.0; 2],
-            projection: Projection::Orthographic,
-            along: Along::Axis,
+            projection: DepthProjection::Orthographic,
+            along: DistanceAlong::Axis,
         }
     }
 
-    fn reach(above_mm: &[f32]) -> Reach {
+    fn reach(above_mm: &[f32]) -> FrameReach {
         let above_mm = Grid { width: above_mm.len(), height: 1, data: above_mm.to_vec() };
-        Reach::from_surface(&Heights { above_mm, unseen_px: 0 }, 3.0)
+        FrameReach::from_surface(&FrameHeights { above_mm, unseen_px: 0 }, 3.0)
     }
 
     #[test]
     fn a_press_is_no_mistake_even_where_it_goes_through() {
         let pressed = reach(&[-0.5, 4.0, f32::INFINITY]);
-        assert!(pressed.touches() && pressed.mistake(&camera(Unit::Millimetre, 10.0)).is_none());
+        assert!(pressed.touches_pad() && pressed.find_error(&camera(DepthUnit::Millimetre, 10.0)).is_none());
         let through = reach(&[-3.5, -0.1]);
-        assert_eq!((through.through_px, through.mistake(&camera(Unit::Millimetre, 10.0))), (1, None));
-        assert!(!reach(&[0.0, f32::INFINITY]).touches());
+        assert_eq!((through.through_px, through.find_error(&camera(DepthUnit::Millimetre, 10.0))), (1, None));
+        assert!(!reach(&[0.0, f32::INFINITY]).touches_pad());
     }
 
     #[test]
     fn metres_taken_for_millimetres_are_all_behind_the_pad_and_the_unit_is_named() {
         // 9.5 mm and 50 mm in metres.
-        let wrong = camera(Unit::Millimetre, 10.0);
-        let problem = reach(&[0.0095 - 10.0, 0.05 - 10.0]).mistake(&wrong).expect("a mistake");
+        let wrong = camera(DepthUnit::Millimetre, 10.0);
+        let problem = reach(&[0.0095 - 10.0, 0.05 - 10.0]).find_error(&wrong).expect("a mistake");
         assert!(problem.message.contains("behind the pad"), "{}", problem.message);
         assert_eq!(problem.help.as_deref(), Some("the values look like metres: --depth-unit m"));
-        // Millimetres taken for metres are far away.
-        let problem = reach(&[9500.0 - 10.0]).out_of_reach(&camera(Unit::Metre, 10.0));
+        // Millimetres read as metres are far away.
+        let problem = reach(&[9500.0 - 10.0]).explain_out_of_reach(&camera(DepthUnit::Metre, 10.0));
         assert!(problem.message.ends_with("the nearest point is 9490 mm beyond it"), "{}", problem.message);
         assert!(problem.help.is_some_and(|help| help.starts_with("the values look like millimetres: --depth-unit mm")));
     }
@@ -263,41 +277,41 @@ mod tests {
     #[test]
     fn a_plane_in_metres_is_told_from_values_in_another_unit() {
         let help = |above_mm: &[f32], unit, plane_mm| {
-            reach(above_mm).out_of_reach(&camera(unit, plane_mm)).help.unwrap_or_default()
+            reach(above_mm).explain_out_of_reach(&camera(unit, plane_mm)).help.unwrap_or_default()
         };
         // 9 mm in metres, and the plane at 10 mm given as 0.01.
-        assert!(help(&[9.0 - 0.01, 30.0], Unit::Metre, 0.01).contains("--plane-mm 10"));
-        assert!(!help(&[9.0 - 0.01, 30.0], Unit::Metre, 0.01).contains("--depth-unit"));
-        // The same in mm, and said to be so.
-        assert!(help(&[9.0 - 0.01, 30.0], Unit::Millimetre, 0.01).contains("--plane-mm 10"));
-        // Followed by the wrong advice: a press of a micrometre is none.
+        assert!(help(&[9.0 - 0.01, 30.0], DepthUnit::Metre, 0.01).contains("--plane-mm 10"));
+        assert!(!help(&[9.0 - 0.01, 30.0], DepthUnit::Metre, 0.01).contains("--depth-unit"));
+        // The same frame in mm, read as mm.
+        assert!(help(&[9.0 - 0.01, 30.0], DepthUnit::Millimetre, 0.01).contains("--plane-mm 10"));
+        // Following the wrong advice would give a press of a micrometre, which is none.
         let both = reach(&[-0.001, 0.02]);
-        assert!(both.touches() && !both.is_pressed());
-        let help = both.out_of_reach(&camera(Unit::Millimetre, 0.01)).help.unwrap_or_default();
+        assert!(both.touches_pad() && !both.is_pressed());
+        let help = both.explain_out_of_reach(&camera(DepthUnit::Millimetre, 0.01)).help.unwrap_or_default();
         assert!(help.contains("--depth-unit m,") && help.contains("--plane-mm 10"), "{help}");
     }
 
     #[test]
     fn frames_that_press_or_are_just_above_the_pad_are_not_suspected() {
         for above_mm in [-0.5, 0.5, 5.0, 40.0] {
-            assert_eq!(reach(&[above_mm, 60.0]).suspicion(&camera(Unit::Metre, 10.0)), None, "{above_mm}");
+            assert_eq!(reach(&[above_mm, 60.0]).find_suspicion(&camera(DepthUnit::Metre, 10.0)), None, "{above_mm}");
         }
-        let wrong = reach(&[9500.0 - 10.0, 9e4]).suspicion(&camera(Unit::Metre, 10.0)).expect("millimetres");
+        let wrong = reach(&[9500.0 - 10.0, 9e4]).find_suspicion(&camera(DepthUnit::Metre, 10.0)).expect("millimetres");
         assert!(wrong.help.is_some_and(|help| help.contains("--depth-unit mm")));
     }
 
     #[test]
     fn where_no_unit_helps_the_plane_is_asked_for() {
-        let wrong = camera(Unit::Millimetre, 10.0);
-        let problem = reach(&[12.3, 20.0]).out_of_reach(&wrong);
+        let wrong = camera(DepthUnit::Millimetre, 10.0);
+        let problem = reach(&[12.3, 20.0]).explain_out_of_reach(&wrong);
         assert!(problem.message.contains("12.3 mm beyond"), "{}", problem.message);
         assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 10 right?")));
-        // In millimetres it would touch, but 9 mm are no mistake of a unit.
-        let problem = reach(&[8.0, 49.0]).out_of_reach(&camera(Unit::Metre, 1.0));
+        // In millimetres it would touch, but 9 mm is not a mistake of units.
+        let problem = reach(&[8.0, 49.0]).explain_out_of_reach(&camera(DepthUnit::Metre, 1.0));
         assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 1 right?")));
-        let problem = reach(&[-8.0, -7.0]).mistake(&wrong).expect("a mistake");
+        let problem = reach(&[-8.0, -7.0]).find_error(&wrong).expect("a mistake");
         assert!(problem.help.is_some_and(|help| help.contains("is --plane-mm 10 right?")));
-        let problem = reach(&[f32::INFINITY]).out_of_reach(&wrong);
+        let problem = reach(&[f32::INFINITY]).explain_out_of_reach(&wrong);
         assert!(problem.help.is_some_and(|help| help.contains("--max-depth-mm")));
     }
 }

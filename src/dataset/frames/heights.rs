@@ -1,12 +1,11 @@
-//! What a depth camera's frame says of the view: heights over the undeformed pad, at the sensor's pixels.
+//! What a frame of a depth camera gives: heights over the undeformed pad at the sensor's pixels.
 
 use gelsim_core::base::grid::Grid;
 
-/// Heights over the undeformed pad, mm, at each pixel of the view; infinite where nothing is. And how many pixels the
-/// camera could not see.
-pub struct Heights {
-    /// Never NaN.
+/// Heights over the undeformed pad at each pixel of the view.
+pub struct FrameHeights {
+    /// The heights, mm; infinite in empty space, never NaN.
     pub above_mm: Grid<f32>,
-    /// Hidden or out of the image.
+    /// Number of pixels that the camera could not see, since they are hidden or out of the frame.
     pub unseen_px: u64,
 }

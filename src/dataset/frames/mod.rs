@@ -1,10 +1,10 @@
-//! Depth frames of simulators, which take the place of a mesh and its pose: everything behind the capture of depth is the
-//! same code.
+//! Depth frames of simulators, which take the place of a mesh and its pose. All that follows the capture of depth is
+//! the same code.
 //!
-//! [`source`] finds the files, [`read`] reads one, [`reader`] takes it to what is pressed in: [`camera`] to heights over the
-//! pad (through [`perspective`], if its camera was one of perspective), or [`inside`] to the surface that a camera inside a gel
-//! sees. [`check`] says what cannot be right, [`poses`] reads what is known of the objects, [`run`] renders files, [`stream`]
-//! renders what comes through a pipe.
+//! [`source`] finds the files and [`read`] reads one. [`reader`] converts it to what is pressed in: by [`camera`] to
+//! heights over the pad (through [`perspective`] for a perspective camera), or by [`inside`] to the surface that a
+//! camera inside a gel sees. [`check`] finds what cannot be right, [`poses`] reads what is known of the objects,
+//! [`run`] renders files, and [`stream`] renders frames from a pipe.
 
 pub mod camera;
 pub mod check;

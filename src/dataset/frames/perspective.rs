@@ -1,28 +1,30 @@
-//! A depth image of a perspective camera resampled to parallel rays: neighbouring pixels are joined to a surface, and
-//! the surface is rasterised in the sensor's view, the point nearest to the camera's plane at every pixel's centre.
+//! Resamples the depth image of a perspective camera to parallel rays: neighbouring pixels are joined to a surface, and
+//! the surface is rasterised in the sensor's view. At the centre of every pixel the point nearest to the camera's plane
+//! counts.
 //!
 //! Where distances jump, neighbours are not joined: what lies between them was hidden.
 
-use super::heights::Heights;
+use super::heights::FrameHeights;
 use gelsim_core::base::angle::sin_cos_deg;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::view::View;
 
-/// Neighbours whose distances differ by more than this times their distance from each other across the rays are two
-/// surfaces: one that is steeper (83 degrees) shows nothing of itself to parallel rays either.
-const STEEPEST: f64 = 8.0;
+/// Neighbours belong to two surfaces if their distances differ by more than this times their distance across the rays.
+/// A steeper surface (83 degrees) would not show itself to parallel rays either.
+const MAX_SURFACE_SLOPE: f64 = 8.0;
 
-/// How pixels and directions belong together.
+/// The relation between pixels and directions.
 #[derive(Clone, Copy, Debug)]
-pub struct Pinhole {
-    /// Distance of the image's plane from the pinhole, px.
+pub struct PinholeGeometry {
+    /// Distance of the image plane from the pinhole, px.
     focal_px: f64,
-    /// The image's middle, px; the first pixel's centre is at (0.5, 0.5).
+    /// The image's middle, px. The centre of the first pixel is at (0.5, 0.5).
     middle_px: [f64; 2],
 }
 
-impl Pinhole {
-    /// Of an image whose upper and lower edges are `fov_y_deg` apart; what belongs to a pixel is found `offset_px` from it.
+impl PinholeGeometry {
+    /// Makes the geometry of an image whose upper and lower edges are `fov_y_deg` apart. What belongs to a pixel is
+    /// found `offset_px` from it.
     pub fn new(image: &Grid<f64>, fov_y_deg: f64, offset_px: [f64; 2]) -> Self {
         let (sin, cos) = sin_cos_deg(fov_y_deg / 2.0);
         let half = |size: usize, by: f64| size as f64 / 2.0 + by;
@@ -32,8 +34,8 @@ impl Pinhole {
         }
     }
 
-    /// Distances along each pixel's ray as distances along the optical axis.
-    pub fn take_along_axis(&self, distances: &mut Grid<f64>) {
+    /// Converts distances along each pixel's ray to distances along the optical axis.
+    pub fn convert_to_axis_distances(&self, distances: &mut Grid<f64>) {
         let width = distances.width;
         for (at, mm) in distances.data.iter_mut().enumerate() {
             let [x, y, z] = self.point_mm(at % width, at / width, 1.0);
@@ -41,14 +43,14 @@ impl Pinhole {
         }
     }
 
-    /// Where the point seen in a pixel is, mm.
+    /// Returns the point that is seen in a pixel, mm.
     fn point_mm(&self, column: usize, row: usize, distance_mm: f64) -> [f64; 3] {
         let across = |at: usize, middle: f64| (at as f64 + 0.5 - middle) * distance_mm / self.focal_px;
         [across(column, self.middle_px[0]), across(row, self.middle_px[1]), distance_mm]
     }
 
-    /// The pixel in which the point at (x, y) mm and a distance is seen; `None` out of the image.
-    fn pixel(&self, [x, y]: [f64; 2], distance_mm: f64, image: &Grid<f64>) -> Option<[usize; 2]> {
+    /// Returns the pixel in which the point at (x, y) mm and a distance is seen, or `None` if it is out of the image.
+    fn pixel_at_point(&self, [x, y]: [f64; 2], distance_mm: f64, image: &Grid<f64>) -> Option<[usize; 2]> {
         let at = |mm: f64, middle: f64, size: usize| {
             let px = mm * self.focal_px / distance_mm + middle;
             (0.0..size as f64).contains(&px).then_some(px as usize)
@@ -57,18 +59,23 @@ impl Pinhole {
     }
 }
 
-/// Heights over a pad `plane_mm` from the camera. A pixel of the view is unseen if no surface was found there, and what
-/// would touch the pad there was out of the image or behind something nearer.
-pub fn orthographic(distances_mm: &Grid<f64>, pinhole: &Pinhole, plane_mm: f64, view: &View) -> Heights {
+/// Computes heights over a pad `plane_mm` from the camera. A pixel of the view is unseen if no surface was found there,
+/// and if what would touch the pad there is out of the image or behind something nearer.
+pub fn reproject_orthographic(
+    distances_mm: &Grid<f64>,
+    pinhole: &PinholeGeometry,
+    plane_mm: f64,
+    view: &View,
+) -> FrameHeights {
     let [width, height] = view.resolution_px;
     let mut nearest = Grid { width, height, data: vec![f64::INFINITY; width * height] };
     let corner = |column: usize, row: usize| {
         let [x, y, z] = pinhole.point_mm(column, row, distances_mm.at(column, row));
         let [x, y] = view.point_px([x, y]);
-        // Behind the camera nothing is seen.
+        // Nothing is seen behind the camera.
         (z.is_finite() && z > 0.0).then_some([x, y, z])
     };
-    // Rows of corners are needed twice.
+    // Each row of corners is needed twice: keep it for the next row.
     let corners_of = |row: usize| (0..distances_mm.width).map(|column| corner(column, row)).collect::<Vec<_>>();
     let mut upper = corners_of(0);
     for row in 1..distances_mm.height {
@@ -79,7 +86,7 @@ pub fn orthographic(distances_mm: &Grid<f64>, pinhole: &Pinhole, plane_mm: f64, 
                 if let [Some(a), Some(b), Some(c)] = triangle
                     && is_one_surface([a, b, c], pinhole.focal_px)
                 {
-                    rasterise([a, b, c], &mut nearest);
+                    rasterise_triangle([a, b, c], &mut nearest);
                 }
             }
         }
@@ -92,30 +99,30 @@ pub fn orthographic(distances_mm: &Grid<f64>, pinhole: &Pinhole, plane_mm: f64, 
             if nearest.at(x, y) == f64::INFINITY {
                 let at_mm = view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
                 let is_clear = pinhole
-                    .pixel(at_mm, plane_mm, distances_mm)
+                    .pixel_at_point(at_mm, plane_mm, distances_mm)
                     .is_some_and(|[column, row]| distances_mm.at(column, row) >= plane_mm);
                 unseen_px += u64::from(!is_clear);
             }
         }
     }
     let data = nearest.data.into_iter().map(|mm| (mm - plane_mm) as f32).collect();
-    Heights { above_mm: Grid { width, height, data }, unseen_px }
+    FrameHeights { above_mm: Grid { width, height, data }, unseen_px }
 }
 
-/// True if no two corners are farther apart along the rays than a steep surface allows.
+/// Returns true if no two corners are farther apart along the rays than a steep surface allows.
 fn is_one_surface([a, b, c]: [[f64; 3]; 3], focal_px: f64) -> bool {
     let nearest = a[2].min(b[2]).min(c[2]);
     let farthest = a[2].max(b[2]).max(c[2]);
-    farthest - nearest <= STEEPEST * nearest / focal_px
+    farthest - nearest <= MAX_SURFACE_SLOPE * nearest / focal_px
 }
 
-/// Lowers `nearest` to a triangle (px, px, mm) at the pixel centres in it, its edges included.
-fn rasterise([a, b, c]: [[f64; 3]; 3], nearest: &mut Grid<f64>) {
+/// Lowers `nearest` to a triangle (px, px, mm) at the pixel centres inside it, with its edges.
+fn rasterise_triangle([a, b, c]: [[f64; 3]; 3], nearest: &mut Grid<f64>) {
     let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     if area == 0.0 {
         return;
     }
-    // Pixels whose centres are in the box around it.
+    // Only pixels whose centres lie in the box around the triangle.
     let span = |k: usize, size: usize| {
         let (low, high) = (a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k]));
         ((low - 0.5).ceil().max(0.0) as usize, ((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize)
@@ -126,7 +133,7 @@ fn rasterise([a, b, c]: [[f64; 3]; 3], nearest: &mut Grid<f64>) {
             let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
             let share = |p: [f64; 3], q: [f64; 3]| ((q[0] - p[0]) * (py - p[1]) - (q[1] - p[1]) * (px - p[0])) / area;
             let (of_a, of_b, of_c) = (share(b, c), share(c, a), share(a, b));
-            // Rounding must not leave a gap between neighbours; beyond the edge by this much is the same point.
+            // The tolerance keeps rounding from leaving a gap between neighbouring triangles.
             if of_a.min(of_b).min(of_c) >= -1e-9 {
                 let mm = of_a * a[2] + of_b * b[2] + of_c * c[2];
                 let value = &mut nearest.row_mut(y)[x];
@@ -144,16 +151,16 @@ mod tests {
     const VIEW: View = View { resolution_px: [160, 120], mm_per_px: [0.1, 0.1] };
 
     /// What a perspective camera sees of `surface`, which gives the distance along a ray (x, y, 1).
-    fn seen(fov_y_deg: f64, size: [usize; 2], surface: impl Fn([f64; 2]) -> f64) -> Heights {
+    fn seen(fov_y_deg: f64, size: [usize; 2], surface: impl Fn([f64; 2]) -> f64) -> FrameHeights {
         let mut image = Grid::new(size[0], size[1]);
-        let pinhole = Pinhole::new(&image, fov_y_deg, [0.0; 2]);
+        let pinhole = PinholeGeometry::new(&image, fov_y_deg, [0.0; 2]);
         for row in 0..size[1] {
             for column in 0..size[0] {
                 let [x, y, _] = pinhole.point_mm(column, row, 1.0);
                 image.row_mut(row)[column] = surface([x, y]);
             }
         }
-        orthographic(&image, &pinhole, PLANE_MM, &VIEW)
+        reproject_orthographic(&image, &pinhole, PLANE_MM, &VIEW)
     }
 
     /// Distance at which a ray meets a ball, or infinity.

@@ -1,25 +1,26 @@
-//! What is known of the objects in depth frames, from a CSV file: names for the labels, poses, motion in the pad's plane.
+//! Reads what is known of the objects in depth frames from a CSV file: names for the labels, poses, and motion in the
+//! pad's plane.
 //!
-//! A row per frame, told by the frame's name. Columns may stand in any order; an empty cell is as if its column were not
-//! there, but for classes: every frame has one, or none has.
+//! There is one row per frame, found by the frame's name. Columns may be in any order. An empty cell counts as a
+//! missing column, except for classes: either every frame has one, or none has.
 
 use std::collections::HashMap;
 use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use super::source::{Source, stem};
+use super::source::{FrameSource, frame_stem};
 use gelsim_core::gelpad::elastic::shear::Motion;
 use gelsim_core::pose::{Angles, Pose};
+use gelsim_files::csv_table::{self, TableRow, row_place};
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::input;
-use gelsim_files::rows::{self, Row, row_place};
-use gelsim_files::spelling::nearest;
-use gelsim_files::spelling::one_of;
+use gelsim_files::spelling::find_nearest_name;
+use gelsim_files::spelling::join_alternatives;
 
-/// Largest table, bytes.
-const MOST_BYTES: u64 = 256 << 20;
+/// Most bytes of a table.
+const MAX_BYTES: u64 = 256 << 20;
 
 const FILE: &str = "file";
 const ID: &str = "id";
@@ -42,64 +43,65 @@ const COLUMNS: [&str; 13] = [
     MOTION[1],
     MOTION[2],
 ];
-/// Largest motion along x and y, mm, and largest twist, degrees: those of a job.
-const MOST_MOTION: [f64; 3] = [10.0, 10.0, 45.0];
+/// The greatest motion along x and y, mm, and the greatest twist, degrees, as in a job.
+const MAX_MOTION: [f64; 3] = [10.0, 10.0, 45.0];
 
-/// What is known of one frame's object.
+/// What is known of the object in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMetadata {
     /// Its name; the frame's if the table has none.
     pub id: String,
     /// Its class; empty if the table has none for any frame.
     pub class: String,
-    /// Where it is, in the sensor's frame; at the origin, unturned, if the table does not say.
+    /// Its pose in the sensor's frame; without rotation at the origin if the table does not give it.
     pub pose: Pose,
-    /// How it is moved in the pad's plane, about its origin.
+    /// Its motion in the pad's plane, about its origin.
     pub motion: Motion,
 }
 
 impl FrameMetadata {
-    /// Of a frame of which nothing is known but its name.
-    pub fn nothing(id: &str) -> Self {
-        let pose = pose([0.0, 0.0, 0.0, 1.0], [0.0; 3]);
+    /// Makes the metadata of a frame of which only the name is known.
+    pub fn from_id(id: &str) -> Self {
+        let pose = pose_from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0; 3]);
         let motion = Motion { shift_mm: [0.0; 2], twist_rad: 0.0, about_mm: [0.0; 2] };
         Self { id: id.to_owned(), class: String::new(), pose, motion }
     }
 
-    /// True if it is moved.
+    /// Returns true if the object is moved.
     pub fn is_moved(&self) -> bool {
         self.motion.shift_mm != [0.0; 2] || self.motion.twist_rad != 0.0
     }
 }
 
-/// Reads the table at `path` and gives what is known of each of `sources`, in their order.
-pub fn read(path: &Path, sources: &[Source]) -> Result<Vec<FrameMetadata>, Report> {
-    let bytes = input::read(path, MOST_BYTES).map_err(|error| {
+/// Reads the table at `path` and returns what is known of each of `sources`, in their order. The error is a report on
+/// all that is wrong with it.
+pub fn read_poses(path: &Path, sources: &[FrameSource]) -> Result<Vec<FrameMetadata>, Report> {
+    let bytes = input::read(path, MAX_BYTES).map_err(|error| {
         let message = format!("cannot read the poses {}: {error}", path.display());
-        user_error(message, format!("a CSV file with the columns {} belongs here", one_of(&COLUMNS)))
+        user_error(message, format!("a CSV file with the columns {} belongs here", join_alternatives(&COLUMNS)))
     })?;
-    parse(path, &bytes, sources)
+    parse_poses(path, &bytes, sources)
 }
 
-/// The same from the bytes of the file `path`.
-pub fn parse(path: &Path, bytes: &[u8], sources: &[Source]) -> Result<Vec<FrameMetadata>, Report> {
-    let source = rows::source(path, bytes)?;
+/// Parses the table in the bytes of the file `path`, as [`read_poses`] does.
+pub fn parse_poses(path: &Path, bytes: &[u8], sources: &[FrameSource]) -> Result<Vec<FrameMetadata>, Report> {
+    let source = csv_table::decode_source(path, bytes)?;
     let mut problems = Diagnostics::default();
-    let known = table(&source.text, sources, &mut problems);
+    let known = read_table(&source.text, sources, &mut problems);
     if problems.is_empty() { Ok(known) } else { Err(Report::new(&problems, &[source])) }
 }
 
-fn table(text: &str, sources: &[Source], problems: &mut Diagnostics) -> Vec<FrameMetadata> {
-    let mut rows = rows::rows(text);
+fn read_table(text: &str, sources: &[FrameSource], problems: &mut Diagnostics) -> Vec<FrameMetadata> {
+    let mut rows = csv_table::iter_rows(text);
     let Some(header) = rows.next() else {
         let problem = Diagnostic::new("the table of poses is empty");
         problems.push(problem.help("its first line names the columns, each further one is a frame"));
         return Vec::new();
     };
-    let Some(layout) = Layout::from_header(&header, problems) else { return Vec::new() };
+    let Some(layout) = ColumnLayout::from_header(&header, problems) else { return Vec::new() };
     let frames: HashMap<&str, usize> = sources.iter().enumerate().map(|(at, s)| (s.stem.as_str(), at)).collect();
     let mut known: Vec<Option<(u64, FrameMetadata)>> = vec![None; sources.len()];
-    // A row that cannot be read is about its frame all the same.
+    // Even a row with an error is about its frame, which then is not reported as missing.
     let mut mentioned = vec![false; sources.len()];
     let (mut classed, mut unclassed) = (false, Vec::new());
     for row in rows {
@@ -107,23 +109,24 @@ fn table(text: &str, sources: &[Source], problems: &mut Diagnostics) -> Vec<Fram
             break;
         }
         let file = row.cell(layout.file);
-        let at = stem(Path::new(file)).and_then(|stem| frames.get(stem.as_str()));
+        let at = frame_stem(Path::new(file)).and_then(|stem| frames.get(stem.as_str()));
         if let Some(at) = at {
             mentioned[*at] = true;
         }
-        let Some(found) = layout.known(&row, problems) else { continue };
+        let Some(found) = layout.read_row(&row, problems) else { continue };
         classed |= !found.class.is_empty();
-        if let Some(index) = layout.index(CLASS).filter(|_| found.class.is_empty()) {
-            unclassed.push(row.wrong(index, "`class` is empty, and other rows name theirs"));
+        if let Some(index) = layout.column_index(CLASS).filter(|_| found.class.is_empty()) {
+            unclassed.push(row.error_in_cell(index, "`class` is empty, and other rows name theirs"));
         }
         match at {
             None => problems.push(
-                row.wrong(layout.file, format!("no frame is called `{file}`"))
+                row.error_in_cell(layout.file, format!("no frame is called `{file}`"))
                     .help("name a file of --depth, with or without its folder and ending; or remove the row"),
             ),
             Some(at) => match &known[*at] {
                 Some((line, _)) => problems.push(
-                    row.wrong(layout.file, format!("`{file}` is on line {line}, too")).help("keep one of the two rows"),
+                    row.error_in_cell(layout.file, format!("`{file}` is on line {line}, too"))
+                        .help("keep one of the two rows"),
                 ),
                 None => known[*at] = Some((row.line, found)),
             },
@@ -138,10 +141,10 @@ fn table(text: &str, sources: &[Source], problems: &mut Diagnostics) -> Vec<Fram
     if let Some(first) = without().next() {
         let count = without().count();
         let more = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
-        let problem = header.wrong(0, format!("no row is about the frame `{first}`{more}"));
+        let problem = header.error_in_cell(0, format!("no row is about the frame `{first}`{more}"));
         problems.push(problem.help("give every frame a row, or leave --poses out"));
     }
-    let named = |(known, source): (Option<(u64, FrameMetadata)>, &Source)| {
+    let named = |(known, source): (Option<(u64, FrameMetadata)>, &FrameSource)| {
         let (_, mut known) = known?;
         if known.id.is_empty() {
             known.id.clone_from(&source.stem);
@@ -151,49 +154,52 @@ fn table(text: &str, sources: &[Source], problems: &mut Diagnostics) -> Vec<Fram
     known.into_iter().zip(sources).filter_map(named).collect()
 }
 
-/// In which cells of a row the columns stand.
-struct Layout {
+/// The columns of the table, by the cells of a row.
+struct ColumnLayout {
     file: usize,
     names: Vec<String>,
 }
 
-impl Layout {
-    fn from_header(header: &Row, problems: &mut Diagnostics) -> Option<Self> {
+impl ColumnLayout {
+    fn from_header(header: &TableRow, problems: &mut Diagnostics) -> Option<Self> {
         let names: Vec<String> = header.cells.iter().map(|name| name.trim().to_owned()).collect();
         for (at, name) in names.iter().enumerate() {
             if !COLUMNS.contains(&name.as_str()) {
-                let hint = nearest(name, COLUMNS).map_or(String::new(), |near| format!("is `{near}` meant? "));
-                let problem = header.wrong(at, format!("unknown column `{name}`"));
+                let hint =
+                    find_nearest_name(name, COLUMNS).map_or(String::new(), |near| format!("is `{near}` meant? "));
+                let problem = header.error_in_cell(at, format!("unknown column `{name}`"));
                 problems.push(problem.help(format!("{hint}columns: {}", COLUMNS.join(", "))));
             } else if names[..at].contains(name) {
-                problems.push(header.wrong(at, format!("the column `{name}` is there twice")).help("remove one"));
+                problems
+                    .push(header.error_in_cell(at, format!("the column `{name}` is there twice")).help("remove one"));
             }
         }
-        for (whole, what) in [(QUATERNION.as_slice(), "a rotation"), (POSITION.as_slice(), "a position")] {
+        for (group, what) in [(QUATERNION.as_slice(), "a rotation"), (POSITION.as_slice(), "a position")] {
             let absent: Vec<&str> =
-                whole.iter().copied().filter(|column| !names.iter().any(|name| name == column)).collect();
-            if !absent.is_empty() && absent.len() < whole.len() {
-                let problem = header.wrong(0, format!("half of {what}: no column is called {}", one_of(&absent)));
-                problems.push(problem.help(format!("{what} is {}: all or none", whole.join(", "))));
+                group.iter().copied().filter(|column| !names.iter().any(|name| name == column)).collect();
+            if !absent.is_empty() && absent.len() < group.len() {
+                let problem = header
+                    .error_in_cell(0, format!("half of {what}: no column is called {}", join_alternatives(&absent)));
+                problems.push(problem.help(format!("{what} is {}: all or none", group.join(", "))));
             }
         }
         let file = names.iter().position(|name| name == FILE);
         if file.is_none() {
-            problems.push(header.wrong(0, "no column is called `file`").help("it names the frame of each row"));
+            problems.push(header.error_in_cell(0, "no column is called `file`").help("it names the frame of each row"));
         }
         Some(Self { file: file?, names })
     }
 
-    fn index(&self, column: &str) -> Option<usize> {
+    fn column_index(&self, column: &str) -> Option<usize> {
         self.names.iter().position(|name| name == column)
     }
 
-    fn text<'a>(&self, row: &'a Row, column: &str) -> &'a str {
-        self.index(column).map_or("", |index| row.cell(index))
+    fn cell_text<'a>(&self, row: &'a TableRow, column: &str) -> &'a str {
+        self.column_index(column).map_or("", |index| row.cell(index))
     }
 
-    /// What a row says, a missing id left empty. None after a mistake in it.
-    fn known(&self, row: &Row, problems: &mut Diagnostics) -> Option<FrameMetadata> {
+    /// Reads a row. A missing id stays empty. Returns `None` after an error in it.
+    fn read_row(&self, row: &TableRow, problems: &mut Diagnostics) -> Option<FrameMetadata> {
         if row.cells.len() != self.names.len() {
             let message = format!("the row has {} cells, and there are {} columns", row.cells.len(), self.names.len());
             let help = "write a comma for each empty cell, and a cell with a comma in quotes";
@@ -201,22 +207,22 @@ impl Layout {
             return None;
         }
         if row.cell(self.file).is_empty() {
-            problems.push(row.wrong(self.file, "`file` is empty").help("name the frame, or remove the row"));
+            problems.push(row.error_in_cell(self.file, "`file` is empty").help("name the frame, or remove the row"));
             return None;
         }
-        let quaternion = self.together(row, QUATERNION, problems);
-        let position = self.together(row, POSITION, problems);
-        let motion = MOTION.map(|column| self.number(row, column, problems));
+        let quaternion = self.read_numbers(row, QUATERNION, problems);
+        let position = self.read_numbers(row, POSITION, problems);
+        let motion = MOTION.map(|column| self.read_number(row, column, problems));
         let quaternion = match quaternion? {
-            Some(q) => self.unit(row, q, problems)?,
+            Some(q) => self.normalise_quaternion(row, q, problems)?,
             None => [0.0, 0.0, 0.0, 1.0],
         };
         let position = position?.unwrap_or([0.0; 3]);
-        let [x, y, twist_deg] = self.limited(row, motion, problems)?;
+        let [x, y, twist_deg] = self.check_motion(row, motion, problems)?;
         Some(FrameMetadata {
-            id: self.text(row, ID).to_owned(),
-            class: self.text(row, CLASS).to_owned(),
-            pose: pose(quaternion, position),
+            id: self.cell_text(row, ID).to_owned(),
+            class: self.cell_text(row, CLASS).to_owned(),
+            pose: pose_from_quaternion(quaternion, position),
             motion: Motion {
                 shift_mm: [x, y],
                 twist_rad: twist_deg.to_radians(),
@@ -225,22 +231,23 @@ impl Layout {
         })
     }
 
-    /// Numbers that only mean something together; `Some(None)` if none is there, `None` after a mistake.
-    fn together<const N: usize>(
+    /// Reads numbers that have a meaning only together. Returns `Some(None)` if all are missing, and `None` after an
+    /// error.
+    fn read_numbers<const N: usize>(
         &self,
-        row: &Row,
+        row: &TableRow,
         columns: [&str; N],
         problems: &mut Diagnostics,
     ) -> Option<Option<[f64; N]>> {
-        let numbers = columns.map(|column| self.number(row, column, problems));
-        let empty = columns.map(|column| self.text(row, column).is_empty());
+        let numbers = columns.map(|column| self.read_number(row, column, problems));
+        let empty = columns.map(|column| self.cell_text(row, column).is_empty());
         if empty.iter().all(|empty| *empty) {
             return Some(None);
         }
         if let Some(at) = empty.iter().position(|empty| *empty) {
-            // That a column is not there has been said of the header.
-            let index = self.index(columns[at])?;
-            let problem = row.wrong(index, format!("`{}` is empty", columns[at]));
+            // A missing column was reported with the header, so only an empty cell is reported here.
+            let index = self.column_index(columns[at])?;
+            let problem = row.error_in_cell(index, format!("`{}` is empty", columns[at]));
             problems.push(problem.help(format!("{} belong together: all or none", columns.join(", "))));
             return None;
         }
@@ -251,42 +258,50 @@ impl Layout {
         Some(Some(all))
     }
 
-    /// The number in a cell; `Some(None)` if it is empty, `None` after a mistake.
-    fn number(&self, row: &Row, column: &str, problems: &mut Diagnostics) -> Option<Option<f64>> {
-        let Some(index) = self.index(column) else { return Some(None) };
+    /// Reads the number in a cell. Returns `Some(None)` if it is empty, and `None` after an error.
+    fn read_number(&self, row: &TableRow, column: &str, problems: &mut Diagnostics) -> Option<Option<f64>> {
+        let Some(index) = self.column_index(column) else { return Some(None) };
         let text = row.cell(index);
         match text.parse::<f64>() {
             _ if text.is_empty() => Some(None),
             Ok(number) if number.is_finite() => Some(Some(number)),
             _ => {
-                let problem = row.wrong(index, format!("`{column}`: `{text}` is not a number"));
+                let problem = row.error_in_cell(index, format!("`{column}`: `{text}` is not a number"));
                 problems.push(problem.help("write a finite number with a point, without its unit"));
                 None
             }
         }
     }
 
-    /// A quaternion made one of length 1, which it must nearly be.
-    fn unit(&self, row: &Row, q: [f64; 4], problems: &mut Diagnostics) -> Option<[f64; 4]> {
+    /// Normalises a quaternion, whose length must be nearly 1.
+    fn normalise_quaternion(&self, row: &TableRow, q: [f64; 4], problems: &mut Diagnostics) -> Option<[f64; 4]> {
         let length = q.iter().map(|part| part * part).sum::<f64>().sqrt();
         if (length - 1.0).abs() <= 1e-3 {
             return Some(q.map(|part| part / length));
         }
-        // It is there, or there would be no quaternion.
-        let problem = row.wrong(self.index(QUATERNION[0])?, format!("the quaternion has length {length}"));
+        // The column exists, or no quaternion would have been read.
+        let problem =
+            row.error_in_cell(self.column_index(QUATERNION[0])?, format!("the quaternion has length {length}"));
         problems.push(problem.help("a rotation is a quaternion of length 1; x, y, z first, then w"));
         None
     }
 
-    /// Motion within the limits of a job's shear.
-    fn limited(&self, row: &Row, motion: [Option<Option<f64>>; 3], problems: &mut Diagnostics) -> Option<[f64; 3]> {
+    /// Checks that a motion is within the limits of a job's shear. An empty cell is no motion.
+    fn check_motion(
+        &self,
+        row: &TableRow,
+        motion: [Option<Option<f64>>; 3],
+        problems: &mut Diagnostics,
+    ) -> Option<[f64; 3]> {
         let mut all = [0.0; 3];
         for (k, number) in motion.into_iter().enumerate() {
             all[k] = number?.unwrap_or(0.0);
-            if all[k].abs() > MOST_MOTION[k] {
-                let problem =
-                    row.wrong(self.index(MOTION[k])?, format!("`{}` = {} is out of range", MOTION[k], all[k]));
-                problems.push(problem.help(format!("allowed: -{0} to {0}", MOST_MOTION[k])));
+            if all[k].abs() > MAX_MOTION[k] {
+                let problem = row.error_in_cell(
+                    self.column_index(MOTION[k])?,
+                    format!("`{}` = {} is out of range", MOTION[k], all[k]),
+                );
+                problems.push(problem.help(format!("allowed: -{0} to {0}", MAX_MOTION[k])));
                 return None;
             }
         }
@@ -294,9 +309,10 @@ impl Layout {
     }
 }
 
-/// The pose of an object turned by a unit quaternion x, y, z, w; its angles are those of a job with `face = "-z"`.
-fn pose([x, y, z, w]: [f64; 4], position_mm: [f64; 3]) -> Pose {
-    // A turn about z, then one about an axis in the plane: the swing and the twist of the rotation.
+/// Returns the pose of an object that is rotated by the unit quaternion x, y, z, w. Its angles are those of a job with
+/// `face = "-z"`.
+fn pose_from_quaternion([x, y, z, w]: [f64; 4], position_mm: [f64; 3]) -> Pose {
+    // Split the rotation into a turn about z (twist) and then one about an axis in the plane (swing).
     let yaw = 2.0 * libm::atan2(z, w);
     let tilt = 2.0 * libm::atan2(libm::hypot(x, y), libm::hypot(z, w));
     let (sin, cos) = (libm::sin(yaw / 2.0), libm::cos(yaw / 2.0));
@@ -315,18 +331,18 @@ mod tests {
     use super::*;
     use std::path::PathBuf;
 
-    fn sources(names: &[&str]) -> Vec<Source> {
-        names.iter().map(|name| Source { path: PathBuf::from(name), stem: (*name).to_owned() }).collect()
+    fn sources(names: &[&str]) -> Vec<FrameSource> {
+        names.iter().map(|name| FrameSource { path: PathBuf::from(name), stem: (*name).to_owned() }).collect()
     }
 
     fn refused(text: &str) -> String {
-        parse(Path::new("poses.csv"), text.as_bytes(), &sources(&["a", "b"])).expect_err("refused").to_string()
+        parse_poses(Path::new("poses.csv"), text.as_bytes(), &sources(&["a", "b"])).expect_err("refused").to_string()
     }
 
     #[test]
     fn rows_are_told_by_the_frames_names_and_empty_cells_are_not_there() {
         let text = "twist_deg,file,id,class,x_mm,y_mm,z_mm\n,frames/b.npy,ball,round,1,2,-0.5\n30,a,,cube,,,\n";
-        let known = parse(Path::new("poses.csv"), text.as_bytes(), &sources(&["a", "b"])).expect("a sound table");
+        let known = parse_poses(Path::new("poses.csv"), text.as_bytes(), &sources(&["a", "b"])).expect("a sound table");
         assert_eq!((known[0].id.as_str(), known[0].class.as_str()), ("a", "cube"));
         assert!((known[0].motion.twist_rad - 30_f64.to_radians()).abs() < 1e-15 && known[0].is_moved());
         assert_eq!((known[1].id.as_str(), known[1].class.as_str()), ("ball", "round"));
@@ -362,7 +378,7 @@ mod tests {
 
     #[test]
     fn no_frame_needs_a_class_if_none_has_one() {
-        let known = parse(Path::new("poses.csv"), b"file,class\na,\nb,\n", &sources(&["a", "b"])).expect("sound");
+        let known = parse_poses(Path::new("poses.csv"), b"file,class\na,\nb,\n", &sources(&["a", "b"])).expect("sound");
         assert!(known.iter().all(|known| known.class.is_empty()));
     }
 
@@ -370,7 +386,7 @@ mod tests {
     fn angles_give_the_rotation_again() {
         for q in [[0.1, 0.2, 0.3, 0.9], [0.0, 0.0, 0.6, -0.8], [-0.5, 0.5, 0.1, 0.2], [0.0, 0.0, 0.0, 1.0]] {
             let length = f64::sqrt(q.iter().map(|part| part * part).sum());
-            let pose = pose(q.map(|part| part / length), [0.0; 3]);
+            let pose = pose_from_quaternion(q.map(|part| part / length), [0.0; 3]);
             let [yaw, tilt, azimuth] =
                 [pose.angles.yaw_deg, pose.angles.tilt_deg, pose.angles.tilt_azimuth_deg].map(f64::to_radians);
             let axis = DVec3::new(azimuth.cos(), azimuth.sin(), 0.0);

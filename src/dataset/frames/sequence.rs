@@ -1,4 +1,5 @@
-//! Depth frames that follow each other, of an object whose pose is known in each: friction remembers from one to the next.
+//! Renders depth frames that follow each other, of an object whose pose is known in each. The state of friction is
+//! carried from one frame to the next.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -19,83 +20,86 @@ use gelsim_job::label::Label;
 use gelsim_job::layout::Split;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
-use gelsim_job::scene::{Frame, KnownPress, Pressed, Scene};
+use gelsim_job::scene::{DepthFrame, KnownPress, PressSource, Scene};
 use gelsim_job::sequence::label::FrameLabel;
 
-/// Largest turn about the pad's normal between two frames, degrees: the law of friction takes its chord for the way.
-const MOST_TURN_DEG: f64 = 10.0;
+/// The greatest turn about the pad's normal between two frames, degrees. The friction model takes the chord of the turn
+/// for the path.
+const MAX_TURN_DEG: f64 = 10.0;
 
-/// Share of the depth, and mm, within which pixels count to the lowest point.
+/// How near to the lowest point a pixel must be to count to it: as a fraction of the depth, and in mm.
 const LOWEST: (f32, f32) = (0.05, 1e-3);
 
-/// An object that is followed from frame to frame.
-pub struct Follower {
+/// Renders the frames of a sequence one after the other.
+pub struct SequenceFollower {
     friction: Friction,
-    /// The first frame: what is drawn of texture, print, camera and sensor holds for all.
+    /// The scene and the friction state of the first frame. The texture, printed markers, camera and sensor drawn for
+    /// it hold for all frames.
     begun: Option<(Scene, Sliding)>,
     frame_rate_hz: f64,
     last: Option<Pose>,
-    /// Where its texture lay in the first frame.
-    laid: Option<TexturePlacement>,
+    /// The placement of the object's texture in the first frame.
+    texture_placement: Option<TexturePlacement>,
 }
 
-/// A frame of a sequence.
-pub struct Followed {
-    /// As a press.
+/// A rendered frame of a sequence.
+pub struct SequenceFrame {
+    /// The frame as a sample of its own.
     pub sample: Sample,
-    /// As a frame.
+    /// The frame's entry in the label of the sequence.
     pub label: FrameLabel,
 }
 
-impl Follower {
-    /// Before the first frame; `None` if the plan's model of the gelpad knows no tractions.
+impl SequenceFollower {
+    /// Makes a follower before the first frame. Returns `None` if the plan's model of the gelpad has no tractions.
     pub fn new(plan: &Plan, friction: Friction, frame_rate_hz: f64) -> Option<Self> {
         plan.simulator.sliding(friction)?;
-        Some(Self { friction, begun: None, frame_rate_hz, last: None, laid: None })
+        Some(Self { friction, begun: None, frame_rate_hz, last: None, texture_placement: None })
     }
 
-    /// The next frame, number `index`.
-    pub fn next(
+    /// Renders the next frame, which has the number `index`.
+    pub fn render_next(
         &mut self,
         plan: &Plan,
         index: u64,
         seen: SeenFrame<'_>,
         known: FrameMetadata,
-    ) -> Result<Followed, Diagnostic> {
+    ) -> Result<SequenceFrame, Diagnostic> {
         let FrameMetadata { id, class, pose, .. } = known;
-        let depth_mm = seen.depth_mm();
+        let depth_mm = seen.indentation_depth_mm();
         let (plane, lowest_mm) = match &seen {
             SeenFrame::Pad(map, _) => {
-                (PadPlane::default(), Some(lowest_mm(map, plan.simulator.view()).unwrap_or_default()))
+                (PadPlane::default(), Some(find_lowest_point(map, plan.simulator.view()).unwrap_or_default()))
             }
-            SeenFrame::Gel(frame) => match frame.deepest() {
-                Some((site, point_mm)) => (tangent(site), Some(point_mm)),
+            SeenFrame::Gel(frame) => match frame.deepest_contact() {
+                Some((site, point_mm)) => (tangent_plane(site), Some(point_mm)),
+                // Without contact there is no lowest point, and nothing can rub.
                 None => (PadPlane::default(), None),
             },
         };
         let motion = match self.last {
-            Some(last) => match mistake(last, pose, plane.axes.z_axis) {
-                Some(mistake) => return Err(mistake),
-                None => lowest_mm.map_or_else(PlanarMotion::default, |now| motion(last, pose, now, &plane)),
+            Some(last) => match find_motion_error(last, pose, plane.axes.z_axis) {
+                Some(error) => return Err(error),
+                None => lowest_mm.map_or_else(PlanarMotion::default, |now| motion_between(last, pose, now, &plane)),
             },
             None => PlanarMotion::default(),
         };
         self.last = Some(pose);
-        let pressed = Pressed::Frame(Frame { id, class, shape: seen.pressed(&pose) });
-        let given = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm: depth_mm };
-        let drawn = Scene::given(plan, index, 0, given.clone());
+        let pressed = PressSource::Frame(DepthFrame { id, class, shape: seen.into_shape(&pose) });
+        let known_press = KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm: depth_mm };
+        let drawn = Scene::from_known_press(plan, index, 0, known_press.clone());
         if self.begun.is_none() {
             let sliding = drawn.simulator(plan).sliding(self.friction).expect("the plan was made for a sequence");
             self.begun = Some((drawn.clone(), sliding));
         }
         let Some((first, sliding)) = &mut self.begun else { unreachable!("it was put there") };
-        let KnownPress { pressed, pose, indentation_depth_mm, .. } = given;
+        let KnownPress { pressed, pose, indentation_depth_mm, .. } = known_press;
         let noise_key = drawn.camera.noise_key;
         let mut scene = Scene { index, pressed, pose, indentation_depth_mm, plane, ..first.clone() };
         scene.camera.noise_key = noise_key;
-        let laid = *self.laid.get_or_insert_with(|| TexturePlacement::with(&pose));
-        let mut press = scene.press(plan);
-        press.texture = press.texture.map(|texture| texture.laid_out(laid));
+        let placement = *self.texture_placement.get_or_insert_with(|| TexturePlacement::at_pose(&pose));
+        let mut press = scene.to_press(plan);
+        press.texture = press.texture.map(|texture| texture.with_placement(placement));
         let step = ObjectStep { pose, depth_mm, motion };
         let simulator = scene.simulator(plan);
         let impression = simulator.press_next(&press, &[step], sliding);
@@ -103,12 +107,12 @@ impl Follower {
         let t_s = (index + 1) as f64 / self.frame_rate_hz;
         let of_frame = FrameLabel::new(index as u32, t_s, "", label.clone(), impression.sliding.as_ref());
         let seconds = impression.seconds;
-        Ok(Followed { sample: Sample { simulator, impression, numbered: None, label, seconds }, label: of_frame })
+        Ok(SequenceFrame { sample: Sample { simulator, impression, numbered: None, label, seconds }, label: of_frame })
     }
 }
 
-/// The middle of what reaches lowest of a height map, mm; `None` if there is no object.
-pub fn lowest_mm(map: &HeightMap, view: &View) -> Option<DVec3> {
+/// Returns the middle of the lowest part of a height map, mm; `None` if it has no object.
+pub fn find_lowest_point(map: &HeightMap, view: &View) -> Option<DVec3> {
     let lowest = map.above_mm.data.iter().fold(f32::INFINITY, |lowest, mm| lowest.min(*mm));
     if !lowest.is_finite() {
         return None;
@@ -125,31 +129,33 @@ pub fn lowest_mm(map: &HeightMap, view: &View) -> Option<DVec3> {
     Some(DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest)))
 }
 
-/// The plane that touches a gel in a place.
-fn tangent(site: Site) -> PadPlane {
+/// Returns the tangent plane of a gel at a point.
+fn tangent_plane(site: Site) -> PadPlane {
     let axes = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, site.normal.normalize()));
     PadPlane { axes, origin_mm: site.point_mm }
 }
 
-/// By how much an object turns about the pad's normal from one pose to the next, rad.
+/// Returns the angle by which an object turns about the pad's normal from one pose to the next, rad, from -pi to pi.
 pub fn turn_rad(from: Pose, to: Pose, normal: DVec3) -> f64 {
     let q = DQuat::from_mat3(&(to.rotation * from.rotation.transpose()));
     let half = libm::atan2(q.xyz().dot(normal), q.w);
-    let whole = 2.0 * half;
-    if half.abs() > FRAC_PI_2 { whole - half.signum() * TAU } else { whole }
+    let full = 2.0 * half;
+    if half.abs() > FRAC_PI_2 { full - half.signum() * TAU } else { full }
 }
 
-/// What cannot be right of the poses of two frames that follow each other, on a pad with this normal.
-pub fn mistake(from: Pose, to: Pose, normal: DVec3) -> Option<Diagnostic> {
+/// Returns an error if the poses of two successive frames cannot be right: the object turns too far about the pad's
+/// normal.
+pub fn find_motion_error(from: Pose, to: Pose, normal: DVec3) -> Option<Diagnostic> {
     let turn_deg = turn_rad(from, to, normal).to_degrees();
-    (turn_deg.abs() > MOST_TURN_DEG).then(|| {
+    (turn_deg.abs() > MAX_TURN_DEG).then(|| {
         let message = format!("the object turns by {turn_deg:.1} degrees since the frame before");
-        Diagnostic::new(message).help(format!("give frames more often: at most {MOST_TURN_DEG} degrees"))
+        Diagnostic::new(message).help(format!("give frames more often: at most {MAX_TURN_DEG} degrees"))
     })
 }
 
-/// How the surface at the point `now` of an object came there as the object went from one pose to the next, in the axes of a plane.
-pub fn motion(from: Pose, to: Pose, now: DVec3, plane: &PadPlane) -> PlanarMotion {
+/// Returns the motion, in the axes of a plane, by which the object's surface came to the point `now` as it went from
+/// one pose to the next.
+pub fn motion_between(from: Pose, to: Pose, now: DVec3, plane: &PadPlane) -> PlanarMotion {
     let turn = to.rotation * from.rotation.transpose();
     let before = turn.transpose() * (now - to.translation_mm) + from.translation_mm;
     let back = plane.axes.transpose();

@@ -1,31 +1,31 @@
-//! The files that hold depth frames, and the names of what is rendered from them.
+//! Finds the files that hold depth frames, and names what is rendered from them.
 
 use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::read::{ENDINGS, in_archive};
+use super::read::{FRAME_EXTENSIONS, split_archive_path};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
-use gelsim_files::input::{matching, may_be_file, meant};
+use gelsim_files::input::{collect_matching_files, may_be_file, suggest_file_name};
 
 /// A frame's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Source {
-    /// Where it is.
+pub struct FrameSource {
+    /// Path of the file.
     pub path: PathBuf,
-    /// What its results are called.
+    /// Name of the results.
     pub stem: String,
 }
 
-/// The files that `written` names, in the order in which they are named; those of a folder or a pattern by their names.
-/// Mistakes go to `problems`.
-pub fn find(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<Source> {
-    let mut sources: Vec<Source> = Vec::new();
+/// Finds the files that `written` names, in that order; those of a folder or a pattern are sorted by name. Errors go to
+/// `problems`.
+pub fn find_frames(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<FrameSource> {
+    let mut sources: Vec<FrameSource> = Vec::new();
     let mut taken: HashMap<String, usize> = HashMap::new();
-    let paths: Vec<PathBuf> = written.iter().flat_map(|written| files(written, problems)).collect();
+    let paths: Vec<PathBuf> = written.iter().flat_map(|written| list_frame_files(written, problems)).collect();
     for path in paths {
-        let Some(stem) = stem(&path) else {
+        let Some(stem) = frame_stem(&path) else {
             problems.push(Diagnostic::new(format!("{}: its name is not UTF-8", path.display())).help("rename it"));
             continue;
         };
@@ -36,29 +36,30 @@ pub fn find(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<Source> {
                     Diagnostic::new(format!("{} and {first} would both be {stem}.tactile.png", path.display()));
                 problems.push(problem.help("rename one of them, or render them into two folders"));
             }
-            None => sources.push(Source { path, stem }),
+            None => sources.push(FrameSource { path, stem }),
         }
     }
     sources
 }
 
-/// The name of a frame: its file's without folder and ending, and without a `.depth` before that. Of an array in an archive that
-/// of the archive.
-pub fn stem(path: &Path) -> Option<String> {
-    let path = in_archive(path).map_or(path, |(archive, _)| archive);
+/// Returns the name of a frame: that of its file without folder and extension, and without a `.depth` before the
+/// extension. For an array in an archive it is that of the archive. Returns `None` if the name is not UTF-8.
+pub fn frame_stem(path: &Path) -> Option<String> {
+    let path = split_archive_path(path).map_or(path, |(archive, _)| archive);
     let stem = path.file_stem()?.to_str()?;
     Some(stem.strip_suffix(".depth").filter(|rest| !rest.is_empty()).unwrap_or(stem).to_owned())
 }
 
-/// True of a file that is named like a frame.
+/// Returns true if a file's extension is that of a frame.
 fn is_frame(path: &Path) -> bool {
-    ENDINGS.into_iter().any(|known| path.extension() == Some(OsStr::new(known)))
+    FRAME_EXTENSIONS.into_iter().any(|known| path.extension() == Some(OsStr::new(known)))
 }
 
-/// A file itself, an array in it, the frames in a folder, or what matches a pattern.
-fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
-    if let Some((archives, array)) = in_archive(written) {
-        return files(archives, problems).into_iter().map(|archive| archive.join(array)).collect();
+/// Lists the files that a path names: a file itself, an array in it, the frames in a folder, or the files that match a
+/// pattern.
+fn list_frame_files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
+    if let Some((archives, array)) = split_archive_path(written) {
+        return list_frame_files(archives, problems).into_iter().map(|archive| archive.join(array)).collect();
     }
     let mut wrong = |message: String, help: String| {
         problems.push(Diagnostic::new(message).help(help));
@@ -74,7 +75,9 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
         let mut found: Vec<PathBuf> = entries.filter(|path| is_frame(path) && may_be_file(path)).collect();
         found.sort();
         return match found.is_empty() {
-            true => wrong(format!("{shown} holds no depth frame"), format!("these are .{}", ENDINGS.join(", ."))),
+            true => {
+                wrong(format!("{shown} holds no depth frame"), format!("these are .{}", FRAME_EXTENSIONS.join(", .")))
+            }
             false => found,
         };
     }
@@ -83,7 +86,7 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
         return if written.exists() {
             vec![written.to_owned()]
         } else {
-            let meant = meant(written, is_frame).map(|name| written.with_file_name(name));
+            let meant = suggest_file_name(written, is_frame).map(|name| written.with_file_name(name));
             let meant = meant.map_or(String::new(), |path| format!("did you mean {}? ", path.display()));
             wrong(
                 format!("{shown} does not exist"),
@@ -96,7 +99,7 @@ fn files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> {
             format!("{shown} is no pattern: {}", error.msg),
             String::from("`*`, `?` and `[abc]` stand for characters"),
         ),
-        Ok(paths) => match matching(paths) {
+        Ok(paths) => match collect_matching_files(paths) {
             Err(error) => wrong(error.to_string(), String::from("name folders that can be read")),
             Ok(found) if found.is_empty() => {
                 wrong(format!("no file matches {shown}"), String::from("paths start from the current folder"))
@@ -120,14 +123,14 @@ mod tests {
             fs::write(at(name), b"").expect("a file");
         }
         let mut problems = Diagnostics::default();
-        let stems = |sources: &[Source]| sources.iter().map(|source| source.stem.clone()).collect::<Vec<_>>();
-        assert_eq!(stems(&find(&[folder.path().to_owned()], &mut problems)), ["a", "b", "c"]);
-        assert_eq!(stems(&find(&[at("c.png"), at("?.npy")], &mut problems)), ["c", "b"]);
+        let stems = |sources: &[FrameSource]| sources.iter().map(|source| source.stem.clone()).collect::<Vec<_>>();
+        assert_eq!(stems(&find_frames(&[folder.path().to_owned()], &mut problems)), ["a", "b", "c"]);
+        assert_eq!(stems(&find_frames(&[at("c.png"), at("?.npy")], &mut problems)), ["c", "b"]);
         fs::write(at("more/d.npz"), b"").expect("a file");
-        assert_eq!(stems(&find(&[at("more/*.npz/left")], &mut problems)), ["d"]);
-        assert_eq!(find(&[at("more/d.npz/left")], &mut problems)[0].path, at("more/d.npz/left"));
+        assert_eq!(stems(&find_frames(&[at("more/*.npz/left")], &mut problems)), ["d"]);
+        assert_eq!(find_frames(&[at("more/d.npz/left")], &mut problems)[0].path, at("more/d.npz/left"));
         assert!(problems.is_empty());
-        find(&[at("b.npy"), at("more"), at("none"), at("*.tif"), at("d.npz/left"), at("c")], &mut problems);
+        find_frames(&[at("b.npy"), at("more"), at("none"), at("*.tif"), at("d.npz/left"), at("c")], &mut problems);
         let said = Report::new(&problems, &[]).to_string();
         let meant = format!("did you mean {}?", at("c.png").display());
         for part in [

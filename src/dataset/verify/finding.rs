@@ -1,70 +1,74 @@
-//! What is wrong with a dataset, and the commands that mend it.
+//! What is wrong with a dataset, and the commands that fix it.
 
 use std::collections::BTreeSet;
 use std::fmt;
 use std::path::Path;
 
-use gelsim_files::spelling::shell_word;
+use gelsim_files::spelling::quote_for_shell;
 
-/// Something that is wrong.
+/// Something that is wrong in a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
+pub struct DatasetFinding {
     /// The file, relative to the dataset's folder.
     pub file: String,
     /// What is wrong with it.
     pub what: String,
-    /// What mends it.
-    pub cure: Cure,
+    /// What fixes it.
+    pub remedy: Remedy,
 }
 
-/// What mends a finding: all that is asked for, in this order.
+/// What fixes a finding. The order of the variants is the order in which remedies are applied.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Cure {
-    /// The file is to be removed, relative to the dataset's folder.
+pub enum Remedy {
+    /// Remove this file, relative to the dataset's folder.
     Remove(String),
-    /// The dataset is to be generated again, which makes what is wanting, by its own job.
+    /// Generate the dataset again by its own job, which makes what is missing.
     Generate,
-    /// The same, by the job that the user has: the dataset's own is lost.
+    /// Generate the dataset again by the job that the user has, since the dataset's own is lost.
     GenerateByJob,
-    /// The dataset is to be described again.
+    /// Finalize the dataset again, which writes its manifest, index and card.
     Finalize,
 }
 
-impl Finding {
-    /// About a file, relative to the dataset's folder, that `gelsim generate` makes again.
+impl DatasetFinding {
+    /// Makes a finding about a file, relative to the dataset's folder, that `gelsim generate` makes again.
     pub fn new(file: impl Into<String>, what: impl Into<String>) -> Self {
-        Self { file: file.into(), what: what.into(), cure: Cure::Generate }
+        Self { file: file.into(), what: what.into(), remedy: Remedy::Generate }
     }
 
-    /// The same with another cure.
-    pub fn mended_by(self, cure: Cure) -> Self {
-        Self { cure, ..self }
+    /// Returns the finding with another remedy.
+    pub fn with_remedy(self, remedy: Remedy) -> Self {
+        Self { remedy, ..self }
     }
 }
 
-impl fmt::Display for Finding {
+impl fmt::Display for DatasetFinding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.file, self.what)
     }
 }
 
-/// The commands that mend what was found in the dataset at `root`, in order.
-pub fn cures(root: &Path, findings: &[Finding]) -> Vec<String> {
-    let cures: BTreeSet<&Cure> = findings.iter().map(|finding| &finding.cure).collect();
-    let own = cures.contains(&Cure::Generate) || cures.iter().any(|cure| matches!(cure, Cure::Remove(_)));
-    let (folder, lost) = (shell_word(root), cures.contains(&Cure::GenerateByJob));
-    let command = |cure: &&Cure| match cure {
-        Cure::Remove(file) => {
+/// Lists the commands that fix what was found in the dataset at `root`, in order.
+pub fn list_remedy_commands(root: &Path, findings: &[DatasetFinding]) -> Vec<String> {
+    let remedies: BTreeSet<&Remedy> = findings.iter().map(|finding| &finding.remedy).collect();
+    let own = remedies.contains(&Remedy::Generate) || remedies.iter().any(|remedy| matches!(remedy, Remedy::Remove(_)));
+    let (folder, lost) = (quote_for_shell(root), remedies.contains(&Remedy::GenerateByJob));
+    let command = |remedy: &&Remedy| match remedy {
+        Remedy::Remove(file) => {
             let path = root.join(file);
-            Some(format!("rm {}{}", if path.is_dir() && !path.is_symlink() { "-r " } else { "" }, shell_word(&path)))
+            Some(format!(
+                "rm {}{}",
+                if path.is_dir() && !path.is_symlink() { "-r " } else { "" },
+                quote_for_shell(&path)
+            ))
         }
-        Cure::Generate | Cure::GenerateByJob | Cure::Finalize => None,
+        Remedy::Generate | Remedy::GenerateByJob | Remedy::Finalize => None,
     };
-    let job = if lost { String::from("JOB.toml") } else { shell_word(&root.join("job.toml")) };
+    let job = if lost { String::from("JOB.toml") } else { quote_for_shell(&root.join("job.toml")) };
     let last = match own || lost {
-        // Ends with a description, too.
+        // Generating also finalizes.
         true => Some(format!("gelsim generate {job} --out {folder}")),
-        false => cures.contains(&Cure::Finalize).then(|| format!("gelsim finalize {folder}")),
+        false => remedies.contains(&Remedy::Finalize).then(|| format!("gelsim finalize {folder}")),
     };
-    cures.iter().filter_map(command).chain(last).collect()
+    remedies.iter().filter_map(command).chain(last).collect()
 }

@@ -1,102 +1,104 @@
-//! Finds what repeats.
+//! Finds repeated bytes in the data to be packed.
 
-use super::{Content, FARTHEST, Pieces};
+use super::{MAX_DISTANCE, TokenSink, TokenSource};
 
-/// Bytes of which only runs of zeros are looked for.
-pub struct Runs<'a>(pub &'a [u8]);
+/// Bytes in which only runs of zeros are searched for.
+pub struct ZeroRuns<'a>(pub &'a [u8]);
 
-impl Content for Runs<'_> {
+impl TokenSource for ZeroRuns<'_> {
     fn bytes(&self) -> &[u8] {
         self.0
     }
 
     #[inline(always)]
-    fn pieces(&self, pieces: &mut impl Pieces) {
+    fn emit_tokens(&self, pieces: &mut impl TokenSink) {
         let eights = |from: usize| self.0[from..].as_chunks::<8>().0.iter();
         let (mut at, mut told) = (0, 0);
         loop {
             at += 8 * eights(at).take_while(|eight| **eight != [0; 8]).count();
             let run = 8 * eights(at).take_while(|eight| **eight == [0; 8]).count();
             if run == 0 {
-                break pieces.literals(&self.0[told..]);
+                break pieces.push_literals(&self.0[told..]);
             }
-            // The first zero is the one that is repeated.
-            pieces.literals(&self.0[told..=at]);
-            pieces.copy(run - 1, 1);
+            // The first zero is a literal; the match repeats it.
+            pieces.push_literals(&self.0[told..=at]);
+            pieces.push_long_match(run - 1, 1);
             at += run;
             told = at;
         }
     }
 }
 
-/// So many bits of a hash say where bytes were seen last.
+/// Bits of the hash by which [`MatchFinder`] remembers where bytes were seen last.
 const HASH_BITS: u32 = 12;
-/// The bytes that are hashed: fewer of them often cost more as a match than as they are.
-const HASHED: u32 = 5;
-/// After so many bytes without a match every second one is passed over, after twice as many two of three, and so on.
-const PATIENCE: usize = 64;
+/// Number of bytes that are hashed. A match of fewer bytes often costs more than the bytes themselves.
+const HASHED_BYTES: u32 = 5;
+/// The search skips bytes where nothing matches: after this many bytes without a match every second one, after twice as
+/// many two of three, and so on.
+const SKIP_AFTER_BYTES: usize = 64;
 
-/// Looks for matches: runs of one byte, and what was seen before, where a hash remembers it.
-pub struct Finder {
-    /// Where bytes of this hash were seen last.
-    seen: Box<[u32; 1 << HASH_BITS]>,
+/// Searches for matches: runs of one byte, and bytes that a hash says were seen before.
+pub struct MatchFinder {
+    /// The position at which bytes of each hash were seen last; 0 for none.
+    last_seen: Box<[u32; 1 << HASH_BITS]>,
     matches: Vec<Match>,
 }
 
-impl Default for Finder {
+impl Default for MatchFinder {
     fn default() -> Self {
-        Self { seen: Box::new([0; 1 << HASH_BITS]), matches: Vec::new() }
+        Self { last_seen: Box::new([0; 1 << HASH_BITS]), matches: Vec::new() }
     }
 }
 
-/// Bytes that are those a distance before.
+/// A run of bytes that equals the bytes `distance` before it.
 struct Match {
     from: usize,
     length: usize,
     distance: usize,
 }
 
-/// Bytes and the matches in them.
-pub struct Found<'a> {
+/// Bytes together with the matches found in them.
+pub struct MatchedBytes<'a> {
     bytes: &'a [u8],
     matches: &'a [Match],
 }
 
-impl Finder {
-    /// Looks through bytes, up to 4 GB.
-    pub fn find<'a>(&'a mut self, bytes: &'a [u8]) -> Found<'a> {
+impl MatchFinder {
+    /// Searches `bytes`, up to 4 GB, for matches.
+    pub fn find_matches<'a>(&'a mut self, bytes: &'a [u8]) -> MatchedBytes<'a> {
         self.matches.clear();
-        self.seen.fill(0);
+        self.last_seen.fill(0);
         let eight = |at: usize| bytes.get(at..)?.first_chunk().map(|eight| u64::from_le_bytes(*eight));
         let (mut at, mut told) = (1, 0);
         while let (Some(here), Some(before)) = (eight(at), eight(at - 1)) {
             let mut earlier = at - 1;
+            // Four bytes that equal the ones just before are a run of one byte, which needs no hash.
             if (here ^ before) as u32 != 0 {
-                let hashed = here << (64 - 8 * HASHED);
+                let hashed = here << (64 - 8 * HASHED_BYTES);
                 let hash = hashed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - HASH_BITS);
-                earlier = std::mem::replace(&mut self.seen[hash as usize], at as u32) as usize;
-                // The first byte of all is not remembered.
+                earlier = std::mem::replace(&mut self.last_seen[hash as usize], at as u32) as usize;
+                // Position 0 stands for "never seen", so a match with the very first byte is not looked for.
                 let other = if earlier == 0 { !here } else { eight(earlier).unwrap_or(!here) };
-                if (other ^ here) << (64 - 8 * HASHED) != 0 || at - earlier > FARTHEST {
-                    at += 1 + (at - told) / PATIENCE;
+                if (other ^ here) << (64 - 8 * HASHED_BYTES) != 0 || at - earlier > MAX_DISTANCE {
+                    at += 1 + (at - told) / SKIP_AFTER_BYTES;
                     continue;
                 }
             }
-            let more = common(&bytes[at..], &bytes[earlier..]);
-            // Bytes that were passed over may belong to it.
+            let more = count_common_bytes(&bytes[at..], &bytes[earlier..]);
+            // Bytes that were skipped may belong to the match.
             let behind = bytes[told..at].iter().rev().zip(bytes[..earlier].iter().rev());
             let behind = behind.take_while(|(a, b)| a == b).count();
             self.matches.push(Match { from: at - behind, length: behind + more, distance: at - earlier });
             at += more;
             told = at;
         }
-        Found { bytes, matches: &self.matches }
+        MatchedBytes { bytes, matches: &self.matches }
     }
 }
 
-/// How many bytes are the same from the start on.
+/// Counts how many bytes are equal from the start.
 #[inline(always)]
-fn common(a: &[u8], b: &[u8]) -> usize {
+fn count_common_bytes(a: &[u8], b: &[u8]) -> usize {
     let eights = a.as_chunks::<8>().0.iter().zip(b.as_chunks::<8>().0);
     let mut same = 0;
     for (a, b) in eights {
@@ -109,19 +111,19 @@ fn common(a: &[u8], b: &[u8]) -> usize {
     same + a[same..].iter().zip(&b[same..]).take_while(|(a, b)| a == b).count()
 }
 
-impl Content for Found<'_> {
+impl TokenSource for MatchedBytes<'_> {
     fn bytes(&self) -> &[u8] {
         self.bytes
     }
 
     #[inline(always)]
-    fn pieces(&self, pieces: &mut impl Pieces) {
+    fn emit_tokens(&self, pieces: &mut impl TokenSink) {
         let mut told = 0;
         for Match { from, length, distance } in self.matches {
-            pieces.literals(&self.bytes[told..*from]);
-            pieces.copy(*length, *distance);
+            pieces.push_literals(&self.bytes[told..*from]);
+            pieces.push_long_match(*length, *distance);
             told = from + length;
         }
-        pieces.literals(&self.bytes[told..]);
+        pieces.push_literals(&self.bytes[told..]);
     }
 }

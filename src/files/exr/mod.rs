@@ -1,7 +1,7 @@
-//! OpenEXR files of a sample: float layers with named channels.
+//! Writes and reads OpenEXR files: float layers with named channels.
 //!
-//! File structure and the other compressions are the `exr` crate's. ZIP blocks are packed here: the crate's fixed level
-//! of deflate is slower than the rest of a sample.
+//! The `exr` crate does the file structure and all compressions but ZIP. ZIP blocks are packed here, since the crate's
+//! fixed level of deflate would take longer than the rest of a sample.
 
 use std::io::Cursor;
 use std::ops::Range;
@@ -17,7 +17,7 @@ use half::slice::HalfFloatSliceExt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::unpack;
+use super::size_limits;
 use gelsim_core::base::grid::Grid;
 
 mod zip;
@@ -44,8 +44,8 @@ pub enum Pixel {
 }
 
 impl Pixel {
-    /// Bytes that a value takes.
-    pub fn bytes(self) -> usize {
+    /// Returns the number of bytes per value.
+    pub fn bytes_per_value(self) -> usize {
         match self {
             Self::Half => 2,
             Self::Float => 4,
@@ -66,7 +66,8 @@ pub enum Compression {
     Zip,
 }
 
-/// Encodes planes of `width * height` values, each with its channel's name; names must be in alphabetical order.
+/// Encodes planes of `width * height` values, each with the name of its channel. The names must be in alphabetical
+/// order.
 pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: Exr) -> Vec<u8> {
     let sample_type = match storage.pixel {
         Pixel::Half => SampleType::F16,
@@ -85,11 +86,11 @@ pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: E
         LineOrder::Increasing,
     );
     let mut bytes = Cursor::new(Vec::new());
-    let lines = Lines { width, height, planes, pixel: storage.pixel };
+    let lines = ScanLines { width, height, planes, pixel: storage.pixel };
     exr::block::write(&mut bytes, SmallVec::from_elem(header, 1), false, |meta, writer| {
         if storage.compression == Compression::Zip {
-            return zip::blocks(&lines, |number, compressed_pixels_le| {
-                let y_coordinate = (number * zip::ROWS) as i32;
+            return zip::write_blocks(&lines, |number, compressed_pixels_le| {
+                let y_coordinate = (number * zip::ROWS_PER_BLOCK) as i32;
                 let block = CompressedScanLineBlock { y_coordinate, compressed_pixels_le };
                 let compressed_block = CompressedBlock::ScanLine(block);
                 writer.write_chunk(number, Chunk { layer_index: 0, compressed_block })
@@ -97,7 +98,7 @@ pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: E
         }
         let blocks = meta.collect_ordered_blocks(|index| UncompressedBlock {
             index,
-            data: lines.pack(index.pixel_position.y()..index.pixel_position.y() + index.pixel_size.height()),
+            data: lines.pack_rows(index.pixel_position.y()..index.pixel_position.y() + index.pixel_size.height()),
         });
         let mut compressor = writer.sequential_blocks_compressor(&meta);
         for (number, block) in blocks {
@@ -109,25 +110,25 @@ pub fn encode(width: usize, height: usize, planes: &[(&str, &[f32])], storage: E
     bytes.into_inner()
 }
 
-/// Values as the format wants them: row by row, in each row channel by channel.
-struct Lines<'a> {
+/// Values in the order of the format: row by row, and in each row channel by channel.
+struct ScanLines<'a> {
     width: usize,
     height: usize,
     planes: &'a [(&'a str, &'a [f32])],
     pixel: Pixel,
 }
 
-impl Lines<'_> {
-    /// Those of some rows.
-    fn of(&self, rows: Range<usize>) -> impl Iterator<Item = &[f32]> {
+impl ScanLines<'_> {
+    /// Iterates over the lines of some rows: for each row one line per channel.
+    fn iter_lines(&self, rows: Range<usize>) -> impl Iterator<Item = &[f32]> {
         rows.flat_map(move |y| self.planes.iter().map(move |(_, plane)| &plane[y * self.width..][..self.width]))
     }
 
-    /// The bytes of some rows, little endian.
-    fn pack(&self, rows: Range<usize>) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(rows.len() * self.width * self.planes.len() * self.pixel.bytes());
+    /// Returns the bytes of some rows, little endian.
+    fn pack_rows(&self, rows: Range<usize>) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(rows.len() * self.width * self.planes.len() * self.pixel.bytes_per_value());
         let mut halves = vec![f16::ZERO; self.width];
-        for line in self.of(rows) {
+        for line in self.iter_lines(rows) {
             match self.pixel {
                 Pixel::Half => {
                     halves.convert_from_f32_slice(line);
@@ -140,8 +141,8 @@ impl Lines<'_> {
     }
 }
 
-/// An image's channels.
-pub struct Planes {
+/// The channels of an image.
+pub struct ImagePlanes {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -150,27 +151,28 @@ pub struct Planes {
     pub channels: Vec<(String, Vec<f32>)>,
 }
 
-/// Decodes the first channel of an image.
-pub fn decode(bytes: &[u8]) -> Result<Grid<f32>, String> {
-    let Planes { width, height, channels } = planes(bytes)?;
+/// Decodes the first channel of an image, in alphabetical order.
+pub fn decode_first_channel(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let ImagePlanes { width, height, channels } = decode_planes(bytes)?;
     let (_, data) = channels.into_iter().next().ok_or("an image without channels")?;
     Ok(Grid { width, height, data })
 }
 
-/// Decodes an image of one channel that anybody may have made: refused if it would unpack to far more than its bytes.
-pub fn decode_single(bytes: &[u8]) -> Result<Grid<f32>, String> {
-    let (size, names) = header(bytes)?;
+/// Decodes an image of one channel that may come from anywhere. It is refused if it would unpack to far more than its
+/// bytes.
+pub fn decode_single_channel(bytes: &[u8]) -> Result<Grid<f32>, String> {
+    let (size, names) = read_header(bytes)?;
     if names.len() != 1 {
         return Err(format!("it has {} channels instead of one: save the one that is meant alone", names.len()));
     }
-    // A sample of up to 4 bytes, and the same as f32.
-    unpack::check(size, 8, bytes.len())?;
-    decode(bytes)
+    // A sample takes up to 4 bytes, and the same again as f32.
+    size_limits::check_image_bytes(size, 8, bytes.len())?;
+    decode_first_channel(bytes)
 }
 
-/// Decodes an image.
-pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
-    header(bytes)?;
+/// Decodes all channels of an image.
+pub fn decode_planes(bytes: &[u8]) -> Result<ImagePlanes, String> {
+    read_header(bytes)?;
     let image = exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -186,21 +188,22 @@ pub fn planes(bytes: &[u8]) -> Result<Planes, String> {
         (channel.name.to_string(), data.values_as_f32().collect())
     };
     let channels = layer.channel_data.list.iter().map(values).collect();
-    Ok(Planes { width: layer.size.width(), height: layer.size.height(), channels })
+    Ok(ImagePlanes { width: layer.size.width(), height: layer.size.height(), channels })
 }
 
-/// Largest header, bytes: its attributes take fifty times as much memory.
-const MOST_HEADER: usize = 1 << 20;
-/// Largest side of a tile that is larger than its image, px: memory is taken for all of a tile.
-const MOST_TILE: usize = 1024;
+/// Most bytes of a header. Its attributes take fifty times as much memory.
+const MAX_HEADER_BYTES: usize = 1 << 20;
+/// Largest side of a tile that is larger than its image, px. Memory is taken for the complete tile.
+const MAX_TILE_PX: usize = 1024;
 /// Most channels that an image may have.
-const MOST_CHANNELS: usize = 6;
+const MAX_CHANNELS: usize = 6;
 
-/// Width, height and channels that an image says it has. What [`planes`] does not read is refused: more than one part,
-/// deep or subsampled data, more than 6 channels or 8192 px on a side, tiles far larger than the image, compression by B44
-/// (the crate's arithmetic overflows on damaged blocks).
-pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
-    let start = &bytes[..bytes.len().min(MOST_HEADER)];
+/// Reads the width, height and channel names from the header of an image. Refuses what [`decode_planes`] does not read:
+/// more than one part, deep or subsampled data, more than 6 channels or 8192 px on a side, tiles far larger than the
+/// image, and compression by B44 (the crate's arithmetic overflows on damaged blocks).
+pub fn read_header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
+    // No more than the largest header is read, so a longer one is an error.
+    let start = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
     let meta = MetaData::read_from_buffered(Cursor::new(start), false).map_err(|error| error.to_string())?;
     let [header] = meta.headers.as_slice() else {
         return Err(format!("it has {} parts instead of one: save the one that is meant alone", meta.headers.len()));
@@ -213,15 +216,15 @@ pub fn header(bytes: &[u8]) -> Result<([usize; 2], Vec<String>), String> {
     if matches!(header.compression, exr::compression::Compression::B44 | exr::compression::Compression::B44A) {
         return Err(String::from("it is compressed by B44: store it with ZIP"));
     }
-    if channels.len() > MOST_CHANNELS {
-        return Err(format!("it has {} channels; the most is {MOST_CHANNELS}", channels.len()));
+    if channels.len() > MAX_CHANNELS {
+        return Err(format!("it has {} channels; the most is {MAX_CHANNELS}", channels.len()));
     }
     if let BlockDescription::Tiles(tiles) = header.blocks
-        && (tiles.tile_size.0 > width.max(MOST_TILE) || tiles.tile_size.1 > height.max(MOST_TILE))
+        && (tiles.tile_size.0 > width.max(MAX_TILE_PX) || tiles.tile_size.1 > height.max(MAX_TILE_PX))
     {
         return Err(String::from("its tiles are far larger than the image: save it in scan lines"));
     }
-    gelsim_core::base::view::sides([width, height])?;
+    gelsim_core::base::view::check_image_size([width, height])?;
     Ok(([width, height], channels.iter().map(|channel| channel.name.to_string()).collect()))
 }
 
@@ -240,9 +243,9 @@ mod tests {
             for pixel in [Pixel::Half, Pixel::Float] {
                 for compression in [Compression::None, Compression::Rle, Compression::Zip] {
                     let bytes = encode(width, height, &[("Z", &plane)], Exr { pixel, compression });
-                    let read = decode(&bytes).expect("what was written can be read");
+                    let read = decode_first_channel(&bytes).expect("what was written can be read");
                     assert_eq!((read.width, read.height), (width, height));
-                    // Half: 11 significant bits; below 4 mm that is at most 1 um.
+                    // A half has 11 significant bits: below 4 mm that is at most 1 um of rounding.
                     let tolerance = if pixel == Pixel::Half { 1.0e-3 } else { 0.0 };
                     for (read, written) in read.data.iter().zip(&plane) {
                         assert!((read - written).abs() <= tolerance, "{pixel:?} {compression:?}: {read} {written}");
@@ -256,7 +259,7 @@ mod tests {
     fn planes_of_any_size_come_back() {
         let sizes = [(1, 1), (1, 16), (16, 1), (3, 17), (65, 33), (128, 48)];
         for ((width, height), count) in sizes.into_iter().flat_map(|size| [1, 2, 3].map(|count| (size, count))) {
-            // Slopes, which repeat, beside what does not: whole numbers, which both precisions hold.
+            // Slopes, which repeat, and whole numbers, which do not; both precisions hold them exactly.
             let plane = |k: usize| -> Vec<f32> {
                 (0..width * height).map(|at| [at % width, at / width * 3, (at * 7919) % 251][k] as f32).collect()
             };
@@ -265,7 +268,7 @@ mod tests {
                 ["X", "Y", "Z"].into_iter().zip(planes.iter().map(Vec::as_slice)).collect();
             for pixel in [Pixel::Half, Pixel::Float] {
                 let bytes = encode(width, height, &named, Exr { pixel, ..Exr::default() });
-                let read = super::planes(&bytes).expect("what was written can be read");
+                let read = super::decode_planes(&bytes).expect("what was written can be read");
                 assert_eq!((read.width, read.height), (width, height));
                 assert!(
                     read.channels.iter().map(|(_, values)| values).eq(&planes),

@@ -1,12 +1,12 @@
-//! What a file is by its bytes, whatever its name says.
+//! Detects what a file is by its bytes, whatever its name says.
 //!
-//! Of a binary STL any bytes may be the first: it is told by its length, and before all else. A file named as OBJ, whose
-//! statements have no mark of their own, is one unless it begins as another format does.
+//! A binary STL may begin with any bytes. It is known by its length, which is checked before all else. The statements
+//! of an OBJ have no mark of their own: a file named as one is an OBJ unless it begins as another format does.
 
 use std::path::Path;
 
-use super::{Format, Words, obj, off, stl};
-use crate::foreign::{self, BLENDER, Foreign, UNPACK};
+use super::{Format, WordReader, obj, off, stl};
+use crate::foreign::{self, EXPORT_FROM_BLENDER, ForeignFile, UNPACK_ARCHIVE};
 use crate::zip;
 
 /// What a file is.
@@ -15,27 +15,31 @@ pub(super) enum Detected {
     /// A mesh of this format.
     Mesh(Format),
     /// Something else.
-    Foreign(Foreign),
+    Foreign(ForeignFile),
 }
 
 use Detected::Mesh;
 
-const CAD: &str = "open it in a CAD program, such as FreeCAD, and export it as .stl or .3mf";
+const CAD_HELP: &str = "open it in a CAD program, such as FreeCAD, and export it as .stl or .3mf";
 const MESHES_IN_IT: &str =
     "name the meshes that it refers to, each by path = \"FILE\" or all by path = \"FOLDER/*.stl\"";
-const XACRO: &str = "expand it, and name what comes out: xacro IN.xacro > OUT.urdf";
-const POINTS: &str =
+const XACRO_HELP: &str = "expand it, and name what comes out: xacro IN.xacro > OUT.urdf";
+const POINTS_HELP: &str =
     "it holds points: reconstruct a surface, e.g. in CloudCompare or MeshLab, and export it as .ply or .stl";
-const SOLVER: &str = "take its surface, e.g. in ParaView: Extract Surface, then File > Save Data as .stl or .ply";
-const PICTURE: &str = "a height map is a grey .png, or an .npy, .npz or .exr";
+const SOLVER_HELP: &str = "take its surface, e.g. in ParaView: Extract Surface, then File > Save Data as .stl or .ply";
+const PICTURE_HELP: &str = "a height map is a grey .png, or an .npy, .npz or .exr";
 
-/// Other formats: the endings of their files, what they are, and what to do.
-const OTHERS: &[(&[&str], &str, &str)] = &[
-    (&["fbx"], "an FBX file, which is not read", BLENDER),
-    (&["blend"], "a Blender file, which is not read", BLENDER),
-    (&["usd", "usda", "usdc", "usdz"], "a USD file, which is not read", BLENDER),
-    (&["3ds", "max", "ma", "mb", "c4d", "lwo", "abc", "x3d", "wrl", "x", "ztl"], "a scene, which is not read", BLENDER),
-    (&["step", "stp", "iges", "igs"], "a CAD model, which is not read", CAD),
+/// Other formats: the extensions of their files, what they are, and what to do.
+const OTHER_EXTENSIONS: &[(&[&str], &str, &str)] = &[
+    (&["fbx"], "an FBX file, which is not read", EXPORT_FROM_BLENDER),
+    (&["blend"], "a Blender file, which is not read", EXPORT_FROM_BLENDER),
+    (&["usd", "usda", "usdc", "usdz"], "a USD file, which is not read", EXPORT_FROM_BLENDER),
+    (
+        &["3ds", "max", "ma", "mb", "c4d", "lwo", "abc", "x3d", "wrl", "x", "ztl"],
+        "a scene, which is not read",
+        EXPORT_FROM_BLENDER,
+    ),
+    (&["step", "stp", "iges", "igs"], "a CAD model, which is not read", CAD_HELP),
     (
         &[
             "sldprt",
@@ -61,118 +65,125 @@ const OTHERS: &[(&[&str], &str, &str)] = &[
             "dxf",
         ],
         "a CAD model, which is not read",
-        CAD,
+        CAD_HELP,
     ),
     (&["sdf", "world"], "an SDF file, which is not read", MESHES_IN_IT),
     (&["mjcf", "xml", "mjb"], "a model of MuJoCo, which is not read", MESHES_IN_IT),
-    (&["xacro"], "a xacro file, whose macros are not expanded", XACRO),
+    (&["xacro"], "a xacro file, whose macros are not expanded", XACRO_HELP),
     (&["srdf"], "an SRDF file, which holds no shapes", "name the robot's .urdf"),
     (&["mtl"], "a table of materials, which belongs to an OBJ", "name the .obj that goes with it"),
     (&["bin"], "a buffer, which belongs to a glTF", "name the .gltf that goes with it"),
-    (&["pcd", "las", "laz", "e57", "xyz", "pts", "splat", "spz"], "a point cloud, which is not read", POINTS),
-    (&["msh", "vtk", "vtu", "vtp", "inp", "bdf", "nas", "med", "exo"], "a solver's mesh, which is not read", SOLVER),
+    (&["pcd", "las", "laz", "e57", "xyz", "pts", "splat", "spz"], "a point cloud, which is not read", POINTS_HELP),
+    (
+        &["msh", "vtk", "vtu", "vtp", "inp", "bdf", "nas", "med", "exo"],
+        "a solver's mesh, which is not read",
+        SOLVER_HELP,
+    ),
     (&["drc"], "a mesh packed by Draco", "unpack it: draco_decoder -i IN.drc -o OUT.obj"),
     (&["amf", "gcode"], "a printer's file, which is not read", "export it as .3mf or .stl from the slicer"),
-    (&["zip", "gz", "tgz", "tar", "bz2", "xz", "7z", "rar", "zst"], "an archive", UNPACK),
-    (&["jpg", "jpeg", "bmp", "gif", "tif", "tiff", "webp", "svg"], "a picture", PICTURE),
+    (&["zip", "gz", "tgz", "tar", "bz2", "xz", "7z", "rar", "zst"], "an archive", UNPACK_ARCHIVE),
+    (&["jpg", "jpeg", "bmp", "gif", "tif", "tiff", "webp", "svg"], "a picture", PICTURE_HELP),
 ];
 
-/// How files of other formats begin, what they are, and what to do.
-const BEGINNINGS: &[(&[u8], &str, &str)] = &[
-    (b"; FBX", "an FBX file, which is not read", BLENDER),
-    (b"PXR-USDC", "a USD file, which is not read", BLENDER),
-    (b"#usda", "a USD file, which is not read", BLENDER),
-    (b"#VRML", "a VRML scene, which is not read", BLENDER),
-    (b"xof 0", "a scene of DirectX, which is not read", BLENDER),
-    (b"//Maya", "a scene of Maya, which is not read", BLENDER),
-    (b"DBRep", "a BREP of OpenCASCADE, which is not read", CAD),
-    (b"CASCADE Topology", "a BREP of OpenCASCADE, which is not read", CAD),
-    (b"3D Geometry File Format", "a Rhino file, which is not read", CAD),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a CAD part or an Office document, which is not read", CAD),
-    (b"# .PCD", "a point cloud, which is not read", POINTS),
-    (b"LASF", "a point cloud, which is not read", POINTS),
-    (b"ASTM-E57", "a point cloud, which is not read", POINTS),
-    (b"# vtk DataFile", "a solver's mesh, which is not read", SOLVER),
-    (b"$MeshFormat", "a solver's mesh, which is not read", SOLVER),
-    (b"MeshVersionFormatted", "a solver's mesh, which is not read", SOLVER),
+/// The first bytes of files of other formats, what they are, and what to do.
+const SIGNATURES: &[(&[u8], &str, &str)] = &[
+    (b"; FBX", "an FBX file, which is not read", EXPORT_FROM_BLENDER),
+    (b"PXR-USDC", "a USD file, which is not read", EXPORT_FROM_BLENDER),
+    (b"#usda", "a USD file, which is not read", EXPORT_FROM_BLENDER),
+    (b"#VRML", "a VRML scene, which is not read", EXPORT_FROM_BLENDER),
+    (b"xof 0", "a scene of DirectX, which is not read", EXPORT_FROM_BLENDER),
+    (b"//Maya", "a scene of Maya, which is not read", EXPORT_FROM_BLENDER),
+    (b"DBRep", "a BREP of OpenCASCADE, which is not read", CAD_HELP),
+    (b"CASCADE Topology", "a BREP of OpenCASCADE, which is not read", CAD_HELP),
+    (b"3D Geometry File Format", "a Rhino file, which is not read", CAD_HELP),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a CAD part or an Office document, which is not read", CAD_HELP),
+    (b"# .PCD", "a point cloud, which is not read", POINTS_HELP),
+    (b"LASF", "a point cloud, which is not read", POINTS_HELP),
+    (b"ASTM-E57", "a point cloud, which is not read", POINTS_HELP),
+    (b"# vtk DataFile", "a solver's mesh, which is not read", SOLVER_HELP),
+    (b"$MeshFormat", "a solver's mesh, which is not read", SOLVER_HELP),
+    (b"MeshVersionFormatted", "a solver's mesh, which is not read", SOLVER_HELP),
     (b"DRACO", "a mesh packed by Draco", "unpack it: draco_decoder -i IN.drc -o OUT.obj"),
     (b"newmtl ", "a table of materials, which belongs to an OBJ", "name the .obj that goes with it"),
 ];
 
-/// Roots of XML documents, what they are, and what to do.
-const ROOTS: &[(&str, &str, &str)] = &[
+/// Outermost elements of XML documents of other formats, what they are, and what to do.
+const XML_ROOTS: &[(&str, &str, &str)] = &[
     ("sdf", "an SDF file, which is not read", MESHES_IN_IT),
     ("mujoco", "a model of MuJoCo, which is not read", MESHES_IN_IT),
     ("mujocoinclude", "a model of MuJoCo, which is not read", MESHES_IN_IT),
-    ("X3D", "an X3D scene, which is not read", BLENDER),
+    ("X3D", "an X3D scene, which is not read", EXPORT_FROM_BLENDER),
     ("amf", "a printer's file, which is not read", "export it as .3mf or .stl from the slicer"),
-    ("VTKFile", "a solver's mesh, which is not read", SOLVER),
+    ("VTKFile", "a solver's mesh, which is not read", SOLVER_HELP),
     ("model", "the model inside a 3MF", "name the .3mf that it was in"),
     ("svg", "a drawing (SVG)", "extrude it in a CAD program, and export it as .stl or .3mf"),
     ("html", "a web page (HTML)", "download the file itself: the page says why it did not come"),
     ("Error", "a server's answer, not the file itself", "download it again: the answer says why it did not come"),
 ];
 
-/// What a file with this ending is, and what to do.
-pub(super) fn by_ending(path: &Path) -> Option<Foreign> {
+/// Says what a file with this extension is, if it is one of another format.
+pub(super) fn identify_by_extension(path: &Path) -> Option<ForeignFile> {
     let ending = path.extension()?.to_str()?.to_ascii_lowercase();
-    let (_, what, help) = OTHERS.iter().find(|(endings, ..)| endings.contains(&ending.as_str()))?;
-    Some(Foreign { what, help })
+    let (_, what, help) = OTHER_EXTENSIONS.iter().find(|(endings, ..)| endings.contains(&ending.as_str()))?;
+    Some(ForeignFile { what, help })
 }
 
-/// What a file is that is named as one of `format` and is none; `None` if it may be one, or nobody knows.
-pub(super) fn other_than(format: Format, bytes: &[u8]) -> Option<Detected> {
+/// Detects what a file is that is named as one of `format` and is not. Returns `None` if it may be one, or if the kind
+/// is unknown.
+pub(super) fn detect_mismatch(format: Format, bytes: &[u8]) -> Option<Detected> {
     let may_be = match format {
-        // Any JSON: its reader says what is missing.
-        Format::Gltf => Words::new(bytes).word_anywhere().is_some_and(|word| word.starts_with(b"{")),
-        // An archive that is cut off.
-        Format::ThreeMf => bytes.starts_with(b"PK") && zip::names(bytes).is_empty(),
+        // Any JSON may be meant as glTF: the reader then says what is missing.
+        Format::Gltf => WordReader::new(bytes).next_word_any_line().is_some_and(|word| word.starts_with(b"{")),
+        // An archive that is cut off has no list of members.
+        Format::ThreeMf => bytes.starts_with(b"PK") && zip::list_member_names(bytes).is_empty(),
         _ => false,
     };
     if may_be {
         return None;
     }
-    detect(bytes).filter(|detected| *detected != Mesh(format))
+    detect_content(bytes).filter(|detected| *detected != Mesh(format))
 }
 
-/// What a file is, as far as that is certain.
-pub(super) fn detect(bytes: &[u8]) -> Option<Detected> {
+/// Detects what a file is, as far as that is certain.
+pub(super) fn detect_content(bytes: &[u8]) -> Option<Detected> {
     if stl::is_binary(bytes) {
         return Some(Mesh(Format::Stl));
     }
-    let foreign = |what, help| Some(Detected::Foreign(Foreign { what, help }));
+    let foreign = |what, help| Some(Detected::Foreign(ForeignFile { what, help }));
     if bytes.starts_with(b"PK\x03\x04") {
-        let members = zip::names(bytes);
+        let members = zip::list_member_names(bytes);
         let ends = |ending: &str| members.iter().any(|name| name.ends_with(ending));
         return match () {
             () if ends(".model") => Some(Mesh(Format::ThreeMf)),
-            () if ends(".usdc") || ends(".usda") || ends(".usd") => foreign("a USD file, which is not read", BLENDER),
+            () if ends(".usdc") || ends(".usda") || ends(".usd") => {
+                foreign("a USD file, which is not read", EXPORT_FROM_BLENDER)
+            }
             () if ends(".npy") => {
                 foreign("an archive of NumPy arrays", "a height map keeps its ending, .npz; a mesh is no array")
             }
-            () if ends("Document.xml") => foreign("a FreeCAD file, which is not read", CAD),
-            () => foreign("a ZIP archive", UNPACK),
+            () if ends("Document.xml") => foreign("a FreeCAD file, which is not read", CAD_HELP),
+            () => foreign("a ZIP archive", UNPACK_ARCHIVE),
         };
     }
     let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let known = BEGINNINGS.iter().find(|(beginning, ..)| text.starts_with(beginning));
+    let known = SIGNATURES.iter().find(|(beginning, ..)| text.starts_with(beginning));
     if let Some((_, what, help)) = known {
         return foreign(what, help);
     }
-    // Of zeros alone the header of an STL may be, too.
+    // The 80 bytes of an STL's header may be zeros, too: zeros alone count only if the file has nothing else.
     let is_hollow = bytes.iter().take(512).all(|byte| *byte == 0);
     if (!is_hollow || bytes.iter().all(|byte| *byte == 0))
-        && let Some(found) = foreign::recognise(bytes)
+        && let Some(found) = foreign::identify_foreign_file(bytes)
     {
         return Some(Detected::Foreign(found));
     }
-    by_first_word(bytes)
+    detect_by_first_word(bytes)
 }
 
-/// What text is by its first word, or by its statements.
-fn by_first_word(bytes: &[u8]) -> Option<Detected> {
-    let mut words = Words::new(bytes);
-    let first = words.word_anywhere()?;
+/// Detects what a text is by its first word, or by its statements.
+fn detect_by_first_word(bytes: &[u8]) -> Option<Detected> {
+    let mut words = WordReader::new(bytes);
+    let first = words.next_word_any_line()?;
     if first.starts_with(b"glTF") {
         return Some(Mesh(Format::Gltf));
     }
@@ -181,11 +192,11 @@ fn by_first_word(bytes: &[u8]) -> Option<Detected> {
     }
     if is_text(bytes) {
         if first.starts_with(b"<") {
-            return by_root(bytes);
+            return detect_by_xml_root(bytes);
         }
         if first.starts_with(b"{") {
             let has = |key: &[u8]| bytes.windows(key.len()).any(|window| window == key);
-            let other = Foreign { what: "JSON", help: "it may say itself why it is not what belongs here" };
+            let other = ForeignFile { what: "JSON", help: "it may say itself why it is not what belongs here" };
             let is_gltf = has(b"\"asset\"") && (has(b"\"meshes\"") || has(b"\"nodes\""));
             return Some(if is_gltf { Mesh(Format::Gltf) } else { Detected::Foreign(other) });
         }
@@ -196,7 +207,7 @@ fn by_first_word(bytes: &[u8]) -> Option<Detected> {
             return Some(Mesh(Format::Stl));
         }
         if is_iges(bytes) {
-            return Some(Detected::Foreign(Foreign { what: "an IGES file, which is not read", help: CAD }));
+            return Some(Detected::Foreign(ForeignFile { what: "an IGES file, which is not read", help: CAD_HELP }));
         }
         if obj::is_obj(bytes) {
             return Some(Mesh(Format::Obj));
@@ -205,32 +216,32 @@ fn by_first_word(bytes: &[u8]) -> Option<Detected> {
     None
 }
 
-/// No zero near its beginning, which text never has and most binary files do.
+/// Returns true if there is no zero byte near the beginning. Text never has one, and most binary files do.
 fn is_text(bytes: &[u8]) -> bool {
     !bytes.iter().take(1024).any(|byte| *byte == 0)
 }
 
-/// Lines of 80 columns, the first of which ends in `S`, its section, and 1, its number.
+/// Returns true for lines of 80 columns of which the first ends in `S`, its section, and 1, its number.
 fn is_iges(bytes: &[u8]) -> bool {
     bytes.get(72..80).is_some_and(|end| end[0] == b'S' && end[1..].trim_ascii() == b"1")
 }
 
-/// What an XML document is by its outermost element.
-fn by_root(bytes: &[u8]) -> Option<Detected> {
-    let name = root(bytes)?;
+/// Detects what an XML document is by its outermost element.
+fn detect_by_xml_root(bytes: &[u8]) -> Option<Detected> {
+    let name = find_xml_root(bytes)?;
     let local = name.rsplit(':').next().unwrap_or_default();
     match local {
         "COLLADA" => Some(Mesh(Format::Dae)),
         "robot" => Some(Mesh(Format::Urdf)),
         _ => {
-            let known = ROOTS.iter().find(|(root, ..)| root.eq_ignore_ascii_case(local));
-            known.map(|(_, what, help)| Detected::Foreign(Foreign { what, help }))
+            let known = XML_ROOTS.iter().find(|(root, ..)| root.eq_ignore_ascii_case(local));
+            known.map(|(_, what, help)| Detected::Foreign(ForeignFile { what, help }))
         }
     }
 }
 
-/// The name of the outermost element, after declarations and comments.
-fn root(bytes: &[u8]) -> Option<&str> {
+/// Finds the name of the outermost element, behind declarations and comments.
+fn find_xml_root(bytes: &[u8]) -> Option<&str> {
     let mut rest = bytes;
     loop {
         let at = rest.iter().position(|byte| *byte == b'<')?;
@@ -255,7 +266,7 @@ mod tests {
     use crate::zip::encode_stored;
 
     fn what(bytes: &[u8]) -> &'static str {
-        match detect(bytes) {
+        match detect_content(bytes) {
             Some(Detected::Foreign(foreign)) => foreign.what,
             other => panic!("{other:?}"),
         }
@@ -264,19 +275,19 @@ mod tests {
     #[test]
     fn every_format_is_known_by_its_bytes_and_none_is_taken_for_another() {
         for (format, bytes) in cubes() {
-            assert_eq!(detect(&bytes), Some(Mesh(format)), "{format:?}");
+            assert_eq!(detect_content(&bytes), Some(Mesh(format)), "{format:?}");
             for named in Format::ALL {
                 let expected = (named != format).then_some(Mesh(format));
-                // JSON may be a glTF, whatever is in it.
+                // Any JSON may be a glTF.
                 let expected = expected.filter(|_| named != Format::Gltf || bytes[0] != b'{');
-                assert_eq!(other_than(named, &bytes), expected, "{format:?} named as {named:?}");
+                assert_eq!(detect_mismatch(named, &bytes), expected, "{format:?} named as {named:?}");
             }
         }
         let robot = b"<?xml version=\"1.0\"?>\n<!-- <COLLADA> -->\n<robot name=\"r\"/>";
-        assert_eq!(detect(robot), Some(Mesh(Format::Urdf)));
+        assert_eq!(detect_content(robot), Some(Mesh(Format::Urdf)));
     }
 
-    /// A binary STL whose header begins as `header` does, and counts so many of its twelve facets.
+    /// Makes a binary STL whose header begins as `header` does and counts `count` of its twelve facets.
     fn stl(header: &[u8], count: u32) -> Vec<u8> {
         let mut bytes = header.to_vec();
         bytes.resize(80, 0);
@@ -303,12 +314,12 @@ mod tests {
             b"Kaydara FBX Binary",
             b"version https://git-lfs.github.com/spec/",
         ] {
-            assert_eq!(other_than(Format::Stl, &stl(header, 12)), None, "{header:?}");
+            assert_eq!(detect_mismatch(Format::Stl, &stl(header, 12)), None, "{header:?}");
         }
-        // Where its count is wrong, its header alone is no reason either.
+        // If only its count is wrong, its header alone is no reason to take it for something else.
         for header in [&b""[..], b"exported by x", b"\x01\x02", b"v 0 0 0 \nf 1"] {
             for count in [0, 3, u32::MAX] {
-                assert_eq!(other_than(Format::Stl, &stl(header, count)), None, "{header:?} {count}");
+                assert_eq!(detect_mismatch(Format::Stl, &stl(header, count)), None, "{header:?} {count}");
             }
         }
     }
@@ -342,32 +353,36 @@ mod tests {
             assert!(what(bytes).starts_with(expected), "{expected}: {}", what(bytes));
         }
         for unknown in [&b"a mug\n"[..], b"solid of a kind", b"\x01\x02\x03\x04", b"<a/>", b"v\n", b"4 1 0\n0 0 0\n"] {
-            assert_eq!(detect(unknown), None, "{unknown:?}");
+            assert_eq!(detect_content(unknown), None, "{unknown:?}");
         }
     }
 
     #[test]
     fn endings_of_other_formats_have_a_way_out_and_are_none_that_is_read() {
-        for (endings, what, help) in OTHERS {
+        for (endings, what, help) in OTHER_EXTENSIONS {
             assert!(!what.is_empty() && !help.is_empty());
             for ending in *endings {
                 let path = format!("a.{}", ending.to_uppercase());
                 assert_eq!(Format::from_path(Path::new(&path)), None, "{ending}");
-                assert_eq!(by_ending(Path::new(&path)).map(|foreign| foreign.help), Some(*help), "{ending}");
+                assert_eq!(
+                    identify_by_extension(Path::new(&path)).map(|foreign| foreign.help),
+                    Some(*help),
+                    "{ending}"
+                );
             }
         }
-        assert_eq!(by_ending(Path::new("fbx")), None);
-        assert_eq!(by_ending(Path::new("a.obj")), None);
+        assert_eq!(identify_by_extension(Path::new("fbx")), None);
+        assert_eq!(identify_by_extension(Path::new("a.obj")), None);
     }
 
     #[test]
     fn statements_of_an_obj_are_known_after_comments_and_names() {
-        assert_eq!(detect(&cube_obj()), Some(Mesh(Format::Obj)));
+        assert_eq!(detect_content(&cube_obj()), Some(Mesh(Format::Obj)));
         assert_eq!(
-            detect(b"# x\nmtllib a.mtl\ng\nv 0 0 0\nvt 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+            detect_content(b"# x\nmtllib a.mtl\ng\nv 0 0 0\nvt 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
             Some(Mesh(Format::Obj))
         );
-        assert_eq!(other_than(Format::Stl, b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), Some(Mesh(Format::Obj)));
-        assert_eq!(other_than(Format::Obj, &cube_dae()), Some(Mesh(Format::Dae)));
+        assert_eq!(detect_mismatch(Format::Stl, b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), Some(Mesh(Format::Obj)));
+        assert_eq!(detect_mismatch(Format::Obj, &cube_dae()), Some(Mesh(Format::Dae)));
     }
 }

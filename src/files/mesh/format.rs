@@ -4,14 +4,14 @@ use std::path::Path;
 
 use serde::Serialize;
 
-/// The endings that are read, for messages.
+/// The file extensions that are read, for messages.
 pub const ENDINGS: &str = ".obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf";
 
 /// A format of mesh files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
-    /// Wavefront OBJ: `v` and `f` statements make the shape, `o` and `g` its parts; everything else is passed over.
+    /// Wavefront OBJ: `v` and `f` statements make the shape, `o` and `g` its parts; everything else is ignored.
     Obj,
     /// STL, ASCII or binary.
     Stl,
@@ -26,17 +26,17 @@ pub enum Format {
     /// 3D Manufacturing Format: XML in a ZIP file.
     #[serde(rename = "3mf")]
     ThreeMf,
-    /// A robot: links that name meshes, at its zero configuration.
+    /// URDF, a robot: its links name meshes, which are placed as at its zero configuration.
     Urdf,
 }
 
 impl Format {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 8] =
         [Self::Obj, Self::Stl, Self::Ply, Self::Off, Self::Gltf, Self::Dae, Self::ThreeMf, Self::Urdf];
 
-    /// The endings of its files, in lower case.
-    pub fn endings(self) -> &'static [&'static str] {
+    /// Returns the extensions of the format's files, in lower case.
+    pub fn extensions(self) -> &'static [&'static str] {
         match self {
             Self::Obj => &["obj"],
             Self::Stl => &["stl"],
@@ -49,18 +49,18 @@ impl Format {
         }
     }
 
-    /// The format that the extension of `path` stands for, in any case.
+    /// Returns the format that the extension of `path`, in any case, stands for.
     pub fn from_path(path: &Path) -> Option<Self> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
-        Self::ALL.into_iter().find(|format| format.endings().contains(&ending.as_str()))
+        Self::ALL.into_iter().find(|format| format.extensions().contains(&ending.as_str()))
     }
 
-    /// True if the format or its files say what a coordinate of 1 stands for.
-    pub fn knows_its_unit(self) -> bool {
+    /// Returns true if the format or its files say how long a coordinate of 1 is.
+    pub fn has_known_unit(self) -> bool {
         matches!(self, Self::Gltf | Self::Dae | Self::ThreeMf | Self::Urdf)
     }
 
-    /// As people write it.
+    /// Returns the name of the format as people write it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Obj => "OBJ",

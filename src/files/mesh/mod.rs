@@ -1,18 +1,17 @@
-//! Mesh files: each becomes one cleaned [`Mesh`] in millimetres, or one of each of its parts.
+//! Reads mesh files: each becomes one cleaned [`Mesh`] in millimetres, or one for each of its parts.
 //!
-//! Each format has its reader; all of them give vertices and triangles to [`Mesh::new`], which cleans and
-//! centres. Readers reserve no memory for what a file claims before they have seen that it has room for it. Axes stay
-//! as they are in the file.
+//! Each format has a reader. All of them give vertices and triangles to [`Mesh::new`], which cleans and centres them. A
+//! reader reserves memory only for what it has seen to fit into the file, not for what the file claims. Axes stay as
+//! they are in the file.
 
 mod dae;
 mod detect;
 mod error;
 mod format;
 mod gltf;
-mod missing;
+mod missing_files;
 mod obj;
 mod off;
-mod others;
 mod packages;
 mod plate;
 mod ply;
@@ -20,6 +19,7 @@ mod points;
 mod polygon;
 mod raw;
 mod remark;
+mod resources;
 mod stl;
 mod threemf;
 mod urdf;
@@ -36,34 +36,34 @@ use super::input;
 use gelsim_core::mesh::{CleanupReport, Mesh};
 
 use detect::Detected;
-pub use error::{HEIGHT_MAP, MeshFileError, MeshFileProblem};
+pub use error::{HEIGHT_MAP_HELP, MeshFileError, MeshFileProblem};
 pub use format::{ENDINGS, Format};
-pub use missing::{Missing, MissingFile, Reason, Wanted};
-use others::Others;
+pub use missing_files::{MissingFile, MissingFiles, MissingReason, ResourceKind};
 pub use plate::{PlateSize, is_height_map, load_plate};
-pub use points::{PointKind, Points};
-use raw::Raw;
+pub use points::{LoosePoints, PointKind};
+use raw::RawMesh;
 pub use remark::Remark;
+use resources::Resources;
 pub use urdf::UrdfShapes;
-use words::{Words, coordinates, number, quoted};
+use words::{WordReader, parse_number, quote_word, read_coordinates};
 
-/// What to do with files that are named like this, where that is another format than those that are read.
-pub fn other_format(path: &Path) -> Option<&'static str> {
-    detect::by_ending(path).map(|foreign| foreign.help)
+/// Returns what to do with files whose extension is that of a known format that is not read.
+pub fn suggest_export(path: &Path) -> Option<&'static str> {
+    detect::identify_by_extension(path).map(|foreign| foreign.help)
 }
 
 /// How a mesh file is to be read.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Reading<'a> {
-    /// Millimetres of a coordinate of 1; if none, what the format or the file says, else 1.
+pub struct MeshReadOptions<'a> {
+    /// Millimetres of a coordinate of 1. `None` takes what the format or the file says, else 1.
     pub mm_per_unit: Option<f64>,
-    /// Which shapes of a URDF are meant.
+    /// Which shapes of a URDF are read.
     pub urdf: UrdfShapes,
-    /// Folders of packages in which the meshes of a URDF may be.
+    /// Folders of packages in which the meshes of a URDF are looked for.
     pub packages: &'a [String],
 }
 
-impl From<f64> for Reading<'_> {
+impl From<f64> for MeshReadOptions<'_> {
     fn from(mm_per_unit: f64) -> Self {
         Self { mm_per_unit: Some(mm_per_unit), ..Self::default() }
     }
@@ -71,78 +71,83 @@ impl From<f64> for Reading<'_> {
 
 /// A mesh read from a file.
 #[derive(Clone, Debug)]
-pub struct Loaded {
+pub struct LoadedMesh {
     /// The mesh, in mm.
     pub mesh: Mesh,
     /// What cleaning removed.
     pub cleaned: CleanupReport,
-    /// SHA-256 of the file's bytes, in lower-case hexadecimal digits. Of a file that names others (buffers, a robot's
-    /// meshes) that of a list of its own hash and theirs, so that it changes with any of them.
+    /// SHA-256 of the file's bytes, in lower-case hexadecimal digits. For a file that names others (buffers, a robot's
+    /// meshes) it is that of a list of all their hashes, so that it changes with any of them.
     pub sha256: String,
-    /// What the file held.
-    pub given: Given,
-    /// Millimetres that a coordinate of 1 was taken for.
+    /// What the file held before cleaning.
+    pub file_summary: MeshFileSummary,
+    /// The millimetres of a coordinate of 1 with which the file was read.
     pub mm_per_unit: f64,
-    /// That is what the format or the file says.
+    /// Whether the format or the file says so.
     pub states_its_unit: bool,
-    /// Folders in which the meshes of a URDF are looked for when it is read again: those that were given, and those of packages
-    /// that were found through the environment.
+    /// The folders in which the meshes of a URDF are found when it is read again: those that were given, and those of
+    /// packages that were found through the environment.
     pub packages: Vec<String>,
-    /// What to know of how it was read.
+    /// What a user should know of how the file was read.
     pub remarks: Vec<Remark>,
 }
 
-/// What a file holds, before anything is cleaned.
+/// What a file holds, before cleaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Given {
-    /// Its format.
+pub struct MeshFileSummary {
+    /// The format.
     pub format: Format,
-    /// Its size.
+    /// The size of the file, bytes.
     pub bytes: usize,
-    /// Vertices: three per triangle in STL.
+    /// Number of vertices: three per triangle in STL.
     pub vertices: usize,
-    /// Triangles, with those into which polygons were divided.
+    /// Number of triangles, with those into which polygons were divided.
     pub triangles: usize,
 }
 
-/// Reads the file at `path` as one mesh; its ending, in any case, tells the format, unless its bytes are those of another one.
+/// Reads the file at `path` as one mesh. Its extension, in any case, tells the format, unless its bytes are those of
+/// another one.
 ///
 /// # Errors
 ///
-/// Every [`MeshFileProblem`] there is, with the path and, in text, the line.
-pub fn load<'a>(path: &Path, reading: impl Into<Reading<'a>>) -> Result<Loaded, MeshFileError> {
+/// Every [`MeshFileProblem`], with the path and, for a text, the line.
+pub fn load<'a>(path: &Path, reading: impl Into<MeshReadOptions<'a>>) -> Result<LoadedMesh, MeshFileError> {
     let reading = reading.into();
-    let (file, raw) = read_file(path, reading)?;
-    file.loaded(raw)
+    let (file, raw) = read_mesh_file(path, reading)?;
+    file.build_mesh(raw)
 }
 
-/// Reads the parts of the file at `path`, each a mesh of its own with a name that no other part has. A file without parts
-/// is one part without a name.
+/// Reads the parts of the file at `path`. Each is a mesh of its own with a unique name. A file without parts is one
+/// part without a name.
 ///
 /// # Errors
 ///
-/// As [`load`]; also if a part alone makes no mesh.
-pub fn load_parts<'a>(path: &Path, reading: impl Into<Reading<'a>>) -> Result<Vec<(String, Loaded)>, MeshFileError> {
+/// Those of [`load`], and if a part alone makes no mesh.
+pub fn load_parts<'a>(
+    path: &Path,
+    reading: impl Into<MeshReadOptions<'a>>,
+) -> Result<Vec<(String, LoadedMesh)>, MeshFileError> {
     let reading = reading.into();
-    let (file, raw) = read_file(path, reading)?;
+    let (file, raw) = read_mesh_file(path, reading)?;
     if raw.parts.is_empty() || raw.triangles.is_empty() {
-        return Ok(vec![(String::new(), file.loaded(raw)?)]);
+        return Ok(vec![(String::new(), file.build_mesh(raw)?)]);
     }
-    raw.split().into_iter().map(|(name, raw)| Ok((name, file.loaded(raw)?))).collect()
+    raw.split_parts().into_iter().map(|(name, raw)| Ok((name, file.build_mesh(raw)?))).collect()
 }
 
-/// Reads a mesh from the bytes of a file that names no others; a coordinate of 1 in it is `mm_per_unit` mm. Never panics.
+/// Reads a mesh from the bytes of a file that names no other files. A coordinate of 1 in it is `mm_per_unit` mm. Never
+/// panics.
 ///
 /// # Errors
 ///
-/// As [`load`], without the path.
+/// Those of [`load`], without the path.
 pub fn parse(bytes: &[u8], format: Format, mm_per_unit: f64) -> Result<(Mesh, CleanupReport), MeshFileError> {
-    let (_, raw) = read(bytes, format, UrdfShapes::default(), &mut Others::none())?;
-    raw.mesh(mm_per_unit)
+    let (_, raw) = read_mesh_bytes(bytes, format, UrdfShapes::default(), &mut Resources::none())?;
+    raw.into_mesh(mm_per_unit)
 }
 
-/// A file, read.
-struct FileRead<'a> {
+/// A file that was read, without its shape.
+struct MeshFile<'a> {
     path: &'a Path,
     format: Format,
     bytes: usize,
@@ -153,17 +158,17 @@ struct FileRead<'a> {
     remarks: Vec<Remark>,
 }
 
-impl FileRead<'_> {
-    fn loaded(&self, raw: Raw) -> Result<Loaded, MeshFileError> {
+impl MeshFile<'_> {
+    fn build_mesh(&self, raw: RawMesh) -> Result<LoadedMesh, MeshFileError> {
         let (vertices, triangles) = (raw.vertices.len(), raw.triangles.len());
-        let given = Given { format: self.format, bytes: self.bytes, vertices, triangles };
+        let file_summary = MeshFileSummary { format: self.format, bytes: self.bytes, vertices, triangles };
         let Self { mm_per_unit, states_its_unit, .. } = *self;
-        let (mesh, cleaned) = raw.mesh(mm_per_unit).map_err(|error| error.in_file(self.path))?;
-        Ok(Loaded {
+        let (mesh, cleaned) = raw.into_mesh(mm_per_unit).map_err(|error| error.in_file(self.path))?;
+        Ok(LoadedMesh {
             mesh,
             cleaned,
             sha256: self.sha256.clone(),
-            given,
+            file_summary,
             mm_per_unit,
             states_its_unit,
             packages: self.packages.clone(),
@@ -172,29 +177,29 @@ impl FileRead<'_> {
     }
 }
 
-fn read_file<'a>(path: &'a Path, reading: Reading) -> Result<(FileRead<'a>, Raw), MeshFileError> {
+fn read_mesh_file<'a>(path: &'a Path, reading: MeshReadOptions) -> Result<(MeshFile<'a>, RawMesh), MeshFileError> {
     let in_file = |error: MeshFileError| error.in_file(path);
-    let named = Format::from_path(path).ok_or_else(|| in_file(unknown(path).into()))?;
-    let bytes = input::read(path, input::MOST_MESH_BYTES)
-        .map_err(|error| in_file(MeshFileProblem::unreadable(error).into()))?;
-    let mut others = Others::beside(path, reading.packages);
-    // The hash of a large file takes a sixth of its reading.
-    let (raw, own) = rayon::join(|| read(&bytes, named, reading.urdf, &mut others), || sha256(&bytes));
+    let named = Format::from_path(path).ok_or_else(|| in_file(explain_unknown_extension(path).into()))?;
+    let bytes = input::read(path, input::MAX_MESH_BYTES)
+        .map_err(|error| in_file(MeshFileProblem::from_io_error(error).into()))?;
+    let mut others = Resources::beside_file(path, reading.packages);
+    // Hash and parse at the same time: the hash of a large file takes a sixth of the time of reading it.
+    let (raw, own) = rayon::join(|| read_mesh_bytes(&bytes, named, reading.urdf, &mut others), || sha256(&bytes));
     let (format, mut raw) = raw.map_err(in_file)?;
-    let sha256 = others.sha256(own);
+    let sha256 = others.combined_sha256(own);
     let mm_per_unit = reading.mm_per_unit.or(raw.mm_per_unit).unwrap_or(1.0);
     let states_its_unit = reading.mm_per_unit.is_none() && raw.mm_per_unit.is_some();
     let misnamed = (format != named).then_some(Remark::Misnamed(format));
     let remarks = misnamed.into_iter().chain(std::mem::take(&mut raw.remarks)).collect();
-    let packages = if format == Format::Urdf { others.packages() } else { Vec::new() };
+    let packages = if format == Format::Urdf { others.package_folders() } else { Vec::new() };
     let bytes = bytes.len();
-    Ok((FileRead { path, format, bytes, sha256, mm_per_unit, states_its_unit, packages, remarks }, raw))
+    Ok((MeshFile { path, format, bytes, sha256, mm_per_unit, states_its_unit, packages, remarks }, raw))
 }
 
-/// What is wrong with a file whose ending names no format.
-fn unknown(path: &Path) -> MeshFileProblem {
-    /// A larger one is not looked into.
-    const MOST: u64 = 64 << 20;
+/// Says what is wrong with a file whose extension is that of no format.
+fn explain_unknown_extension(path: &Path) -> MeshFileProblem {
+    /// Most bytes of a file that is looked into.
+    const MAX_BYTES: u64 = 64 << 20;
     if let Err(error) = path.metadata() {
         return MeshFileProblem::Unreadable(error);
     }
@@ -203,16 +208,16 @@ fn unknown(path: &Path) -> MeshFileProblem {
             "a height map becomes an object in a job: mm_per_px and height_mm under [[object]] say how large it is";
         return MeshFileProblem::UnknownExtension(help.into());
     }
-    let bytes = match input::read(path, MOST).map_err(MeshFileProblem::unreadable) {
+    let bytes = match input::read(path, MAX_BYTES).map_err(MeshFileProblem::from_io_error) {
         Ok(bytes) => Some(bytes),
         Err(problem @ MeshFileProblem::Foreign(_)) => return problem,
         Err(_) => None,
     };
-    let detected = bytes.as_deref().and_then(detect::detect);
+    let detected = bytes.as_deref().and_then(detect::detect_content);
     let is_empty = bytes.is_some_and(|bytes| bytes.is_empty());
-    match (detected, detect::by_ending(path)) {
+    match (detected, detect::identify_by_extension(path)) {
         (Some(Detected::Mesh(format)), _) => {
-            let help = format!("it is {} by its bytes: give it the ending .{}", format.name(), format.endings()[0]);
+            let help = format!("it is {} by its bytes: give it the ending .{}", format.name(), format.extensions()[0]);
             MeshFileProblem::UnknownExtension(help)
         }
         (Some(Detected::Foreign(foreign)), of_ending) if of_ending.is_none() || is_empty => {
@@ -227,9 +232,15 @@ fn unknown(path: &Path) -> MeshFileProblem {
     }
 }
 
-/// The mesh in the bytes of a file that is named as one of `named`, and the format that it is read as.
-fn read(bytes: &[u8], named: Format, urdf: UrdfShapes, others: &mut Others) -> Result<(Format, Raw), MeshFileError> {
-    let format = match detect::other_than(named, bytes) {
+/// Reads the mesh in the bytes of a file whose name says the format `named`. Also returns the format that it really
+/// has.
+fn read_mesh_bytes(
+    bytes: &[u8],
+    named: Format,
+    urdf: UrdfShapes,
+    others: &mut Resources,
+) -> Result<(Format, RawMesh), MeshFileError> {
+    let format = match detect::detect_mismatch(named, bytes) {
         Some(Detected::Mesh(format)) => format,
         Some(Detected::Foreign(foreign)) => return Err(MeshFileProblem::Foreign(foreign).into()),
         None => named,
@@ -244,7 +255,7 @@ fn read(bytes: &[u8], named: Format, urdf: UrdfShapes, others: &mut Others) -> R
         Format::ThreeMf => threemf::read(bytes),
         Format::Urdf => urdf::read(bytes, urdf, others),
     };
-    Ok((format, raw?.with_surface()?))
+    Ok((format, raw?.require_surface()?))
 }
 
 #[cfg(test)]

@@ -1,32 +1,34 @@
-//! Reads Wavefront OBJ: vertices (`v`), faces (`f`), and the names of parts (`o` and `g`); every other statement is
-//! passed over.
+//! Reads Wavefront OBJ: vertices (`v`), faces (`f`), and the names of parts (`o` and `g`). Every other statement is
+//! ignored.
 //!
-//! Our own reader: `tobj` 4 refuses comments after a vertex, continued lines and names that are not UTF-8, tells
-//! no line, and cuts concave polygons wrongly. Format: Wavefront, Advanced Visualizer Manual, appendix B1 (1992).
+//! Our own reader, since `tobj` 4 refuses comments after a vertex, continued lines and names that are not UTF-8, names
+//! no line in its errors, and cuts concave polygons wrongly. Format: Wavefront, Advanced Visualizer Manual, appendix B1
+//! (1992).
 
 use crate::mesh::points::PointKind;
-use crate::mesh::polygon::Cutter;
-use crate::mesh::raw::{Parts, Raw};
-use crate::mesh::{MeshFileError, MeshFileProblem, Words, coordinates, quoted};
+use crate::mesh::polygon::Triangulator;
+use crate::mesh::raw::{PartRanges, RawMesh};
+use crate::mesh::{MeshFileError, MeshFileProblem, WordReader, quote_word, read_coordinates};
 use gelsim_core::mesh::MeshError;
 
-/// Vertices and triangles in the order of the file. Its parts are its objects (`o`), or where it has none its groups (`g`).
+/// Reads vertices and triangles in the order of the file. The parts are its objects (`o`) or, if it has none, its
+/// groups (`g`).
 ///
-/// Only `v` and `f` may be continued on the next line by `\`: elsewhere it may end a path or a name, and what
-/// follows would be lost.
-pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
-    let mut raw = Raw::default();
-    let mut words = Words::new(bytes);
-    let mut cutter = Cutter::new();
+/// Only `v` and `f` may be continued on the next line by `\`. Elsewhere a `\` may end a path or a name, and the next
+/// statement would be lost.
+pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, MeshFileError> {
+    let mut raw = RawMesh::default();
+    let mut words = WordReader::new(bytes);
+    let mut cutter = Triangulator::new();
     let mut corners = Vec::new();
-    let [mut objects, mut groups] = [Parts::default(), Parts::default()];
+    let [mut objects, mut groups] = [PartRanges::default(), PartRanges::default()];
     let mut is_free_form = false;
     loop {
         let line = words.line;
-        let statement = match words.word() {
-            Some(b"v") => coordinates(&mut words).map(|vertex| raw.vertices.push(vertex)),
-            Some(b"f") => face(&mut words, raw.vertices.len(), &mut corners)
-                .and_then(|()| cutter.cut(&raw.vertices, &corners, &mut raw.triangles)),
+        let statement = match words.next_word() {
+            Some(b"v") => read_coordinates(&mut words).map(|vertex| raw.vertices.push(vertex)),
+            Some(b"f") => read_face(&mut words, raw.vertices.len(), &mut corners)
+                .and_then(|()| cutter.triangulate(&raw.vertices, &corners, &mut raw.triangles)),
             Some(b"l") => {
                 raw.points.kind = PointKind::Lines;
                 Ok(())
@@ -36,11 +38,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
                 Ok(())
             }
             Some(b"o") => {
-                objects.go_on(rest_of_line(&words), raw.triangles.len());
+                objects.continue_part(read_rest_of_line(&words), raw.triangles.len());
                 Ok(())
             }
             Some(b"g") => {
-                groups.go_on(rest_of_line(&words), raw.triangles.len());
+                groups.continue_part(read_rest_of_line(&words), raw.triangles.len());
                 Ok(())
             }
             _ => Ok(()),
@@ -49,9 +51,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
         if !words.next_line() {
             if is_free_form && raw.triangles.is_empty() {
                 let help = "export it as polygons (tessellated), as most programs do unless told otherwise";
-                return Err(
-                    MeshFileProblem::advised("holds curves and free-form surfaces, which are not read", help).into()
-                );
+                return Err(MeshFileProblem::with_help(
+                    "holds curves and free-form surfaces, which are not read",
+                    help,
+                )
+                .into());
             }
             raw.parts = if objects.is_empty() { groups } else { objects };
             return Ok(raw);
@@ -59,16 +63,16 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
     }
 }
 
-/// True of text whose first statements are those of an OBJ, with a vertex among them.
+/// Returns true for a text whose first statements are those of an OBJ, with a vertex among them.
 pub(super) fn is_obj(bytes: &[u8]) -> bool {
     /// Statements that may stand before the first vertex.
     const BEFORE: [&[u8]; 8] = [b"mtllib", b"usemtl", b"o", b"g", b"s", b"vt", b"vn", b"vp"];
-    /// Lines that are looked at.
-    const MOST: usize = 10_000;
-    let mut words = Words::new(bytes);
-    for _ in 0..MOST {
-        match words.word() {
-            Some(b"v") => return coordinates(&mut words).is_ok(),
+    /// Most lines that are looked at.
+    const MAX_LINES: usize = 10_000;
+    let mut words = WordReader::new(bytes);
+    for _ in 0..MAX_LINES {
+        match words.next_word() {
+            Some(b"v") => return read_coordinates(&mut words).is_ok(),
             None => {}
             Some(word) if BEFORE.contains(&word) => {}
             Some(_) => return false,
@@ -80,22 +84,23 @@ pub(super) fn is_obj(bytes: &[u8]) -> bool {
     false
 }
 
-/// The name that the rest of the line is: its words, whatever is between them.
-fn rest_of_line(words: &Words) -> String {
+/// Returns the rest of the line as a name: its words, joined by single spaces.
+fn read_rest_of_line(words: &WordReader) -> String {
     let mut ahead = *words;
-    let named = std::iter::from_fn(|| ahead.word()).map(String::from_utf8_lossy);
+    let named = std::iter::from_fn(|| ahead.next_word()).map(String::from_utf8_lossy);
     let name = named.collect::<Vec<_>>().join(" ");
     if name.is_empty() { String::from("default") } else { name }
 }
 
-/// Fills `corners` with the vertices of a face, counted from 0, of `count` so far.
-fn face(words: &mut Words, count: usize, corners: &mut Vec<u32>) -> Result<(), MeshFileProblem> {
+/// Fills `corners` with the vertices of a face, counted from 0. `count` vertices have been read so far.
+fn read_face(words: &mut WordReader, count: usize, corners: &mut Vec<u32>) -> Result<(), MeshFileProblem> {
     corners.clear();
-    while let Some(word) = words.word() {
+    while let Some(word) = words.next_word() {
         // v, v/vt, v//vn or v/vt/vn
         let index = word.split(|&byte| byte == b'/').next().unwrap_or_default();
-        let index = whole(index)
-            .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a corner of a face", quoted(word))))?;
+        let index = parse_integer(index)
+            .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a corner of a face", quote_word(word))))?;
+        // A negative number counts back from the vertices read so far.
         let from_start = match usize::try_from(index) {
             Ok(index) => index.checked_sub(1),
             Err(_) => usize::try_from(index.unsigned_abs()).ok().and_then(|back| count.checked_sub(back)),
@@ -116,8 +121,8 @@ fn face(words: &mut Words, count: usize, corners: &mut Vec<u32>) -> Result<(), M
     Ok(())
 }
 
-/// A whole number. Of a few digits, as most are, in half the time of the general way.
-fn whole(text: &[u8]) -> Option<i64> {
+/// Parses a whole number. One of a few digits, as most are, takes half the time of the general way.
+fn parse_integer(text: &[u8]) -> Option<i64> {
     if (1..=9).contains(&text.len()) && text.iter().all(u8::is_ascii_digit) {
         return Some(text.iter().fold(0, |number, digit| 10 * number + i64::from(digit - b'0')));
     }
@@ -130,7 +135,7 @@ mod tests {
     use crate::mesh::{Format, Mesh, parse};
     use proptest::prelude::*;
 
-    fn raw(text: &[u8]) -> Raw {
+    fn raw(text: &[u8]) -> RawMesh {
         read(text).unwrap()
     }
 
@@ -282,7 +287,7 @@ mod tests {
     }
 
     proptest! {
-        /// On what both can read, `tobj` is the oracle.
+        /// For all that both can read, `tobj` is the reference.
         #[test]
         fn plain_files_read_as_tobj_reads_them(
             vertices in prop::collection::vec(prop::array::uniform3(-1e3f32..1e3), 3..30),

@@ -1,54 +1,54 @@
-//! Reads OFF of Geomview in ASCII: vertices and faces; normals, colours and texture coordinates are passed over.
+//! Reads OFF of Geomview in ASCII: vertices and faces. Normals, colours and texture coordinates are ignored.
 //!
 //! Format: Geomview manual, Object File Format (1996).
 
-use crate::mesh::polygon::Cutter;
-use crate::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use crate::mesh::polygon::Triangulator;
+use crate::mesh::{MeshFileError, MeshFileProblem, RawMesh, WordReader, quote_word, read_coordinates};
 use gelsim_core::mesh::MeshError;
 
-/// Vertices and triangles in the order of the file: each vertex and each face begins a line.
-pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
-    let mut words = Words::new(bytes);
-    let [vertices, faces] = header(&mut words)?;
-    let mut raw = Raw::default();
+/// Reads vertices and triangles in the order of the file. Each vertex and each face begins a line.
+pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, MeshFileError> {
+    let mut words = WordReader::new(bytes);
+    let [vertices, faces] = read_header(&mut words)?;
+    let mut raw = RawMesh::default();
     for _ in 0..vertices {
-        begin(&mut words, "the vertices")?;
+        begin_line(&mut words, "the vertices")?;
         let line = words.line;
-        let vertex = coordinates(&mut words).map_err(|problem| MeshFileError::at_line(line, problem))?;
+        let vertex = read_coordinates(&mut words).map_err(|problem| MeshFileError::at_line(line, problem))?;
         raw.vertices.push(vertex);
         words.next_line();
     }
-    let mut cutter = Cutter::new();
+    let mut cutter = Triangulator::new();
     let mut corners = Vec::new();
     for _ in 0..faces {
-        begin(&mut words, "the faces")?;
+        begin_line(&mut words, "the faces")?;
         let line = words.line;
-        face(&mut words, raw.vertices.len(), &mut corners)
-            .and_then(|()| cutter.cut(&raw.vertices, &corners, &mut raw.triangles))
+        read_face(&mut words, raw.vertices.len(), &mut corners)
+            .and_then(|()| cutter.triangulate(&raw.vertices, &corners, &mut raw.triangles))
             .map_err(|problem| MeshFileError::at_line(line, problem))?;
         words.next_line();
     }
     Ok(raw)
 }
 
-/// True of text that begins with the keyword of OFF and a number.
+/// Returns true for a text that begins with the keyword of OFF and a number.
 pub(super) fn is_off(bytes: &[u8]) -> bool {
-    let mut words = Words::new(bytes);
-    let first = words.word_anywhere().unwrap_or_default();
+    let mut words = WordReader::new(bytes);
+    let first = words.next_word_any_line().unwrap_or_default();
     let Some(at) = first.windows(3).position(|window| window == b"OFF") else { return false };
     let (flags, glued) = (&first[..at], &first[at + 3..]);
     let is_count = |word: &[u8]| !word.is_empty() && word.iter().all(u8::is_ascii_digit);
-    let follows = if glued.is_empty() { words.word_anywhere().unwrap_or_default() } else { glued };
+    let follows = if glued.is_empty() { words.next_word_any_line().unwrap_or_default() } else { glued };
     flags.iter().all(|flag| b"STCN4n".contains(flag)) && (is_count(follows) || follows == b"BINARY")
 }
 
-/// How many vertices and faces there are. The counts may stand right behind the keyword, as in ModelNet's files, and
-/// the keyword may be missing.
-fn header(words: &mut Words) -> Result<[u64; 2], MeshFileError> {
+/// Reads the numbers of vertices and faces. The counts may stand right behind the keyword, as in the files of ModelNet,
+/// and the keyword may be missing.
+fn read_header(words: &mut WordReader) -> Result<[u64; 2], MeshFileError> {
     let wrong = |line: usize, problem: MeshFileProblem| Err(MeshFileError::at_line(line, problem));
     let mut ahead = *words;
-    let Some(first) = ahead.word_anywhere() else {
-        return Err(MeshFileProblem::EndsEarly("the header".into()).into());
+    let Some(first) = ahead.next_word_any_line() else {
+        return Err(MeshFileProblem::UnexpectedEnd("the header".into()).into());
     };
     let line = ahead.line;
     match first.windows(3).position(|window| window == b"OFF") {
@@ -58,62 +58,63 @@ fn header(words: &mut Words) -> Result<[u64; 2], MeshFileError> {
                 return wrong(line, MeshFileProblem::Unsupported("is OFF of another dimension than three".into()));
             }
             if !matches!(flags.strip_prefix(b"ST").unwrap_or(flags), b"" | b"C" | b"N" | b"CN") {
-                let message = format!("{} is not a header of OFF", quoted(first));
+                let message = format!("{} is not a header of OFF", quote_word(first));
                 return wrong(line, MeshFileProblem::Malformed(message));
             }
-            words.word_anywhere();
+            words.next_word_any_line();
+            // Go back to the count that is glued to the keyword.
             words.at -= glued.len();
         }
         None if first.iter().all(u8::is_ascii_digit) => {}
         None => {
-            return wrong(line, MeshFileProblem::Malformed(format!("{} is not a header of OFF", quoted(first))));
+            return wrong(line, MeshFileProblem::Malformed(format!("{} is not a header of OFF", quote_word(first))));
         }
     }
     let mut counts = [0; 2];
     for count in &mut counts {
-        match words.word_anywhere() {
+        match words.next_word_any_line() {
             Some(b"BINARY") => {
                 return wrong(words.line, MeshFileProblem::Unsupported("is binary OFF, of which ASCII is read".into()));
             }
             Some(word) => match str::from_utf8(word).ok().and_then(|word| word.parse().ok()) {
                 Some(number) => *count = number,
                 None => {
-                    let message = format!("{} is not a number of vertices or faces", quoted(word));
+                    let message = format!("{} is not a number of vertices or faces", quote_word(word));
                     return wrong(words.line, MeshFileProblem::Malformed(message));
                 }
             },
-            None => return Err(MeshFileProblem::EndsEarly("the header".into()).into()),
+            None => return Err(MeshFileProblem::UnexpectedEnd("the header".into()).into()),
         }
     }
-    // The number of edges, which nobody needs.
+    // The rest of the line is the number of edges, which is not needed.
     words.next_line();
     Ok(counts)
 }
 
-/// Goes to the next line with a word.
-fn begin(words: &mut Words, what: &str) -> Result<(), MeshFileError> {
+/// Goes to the next line that has a word.
+fn begin_line(words: &mut WordReader, what: &str) -> Result<(), MeshFileError> {
     while !words.has_word() {
         if !words.next_line() {
-            return Err(MeshFileProblem::EndsEarly(what.into()).into());
+            return Err(MeshFileProblem::UnexpectedEnd(what.into()).into());
         }
     }
     Ok(())
 }
 
-/// Fills `corners` with the vertices of a face.
-fn face(words: &mut Words, count: usize, corners: &mut Vec<u32>) -> Result<(), MeshFileProblem> {
+/// Fills `corners` with the vertices of a face, counted from 0.
+fn read_face(words: &mut WordReader, count: usize, corners: &mut Vec<u32>) -> Result<(), MeshFileProblem> {
     let integer = |word: &[u8]| str::from_utf8(word).ok().and_then(|word| word.parse::<i64>().ok());
-    let first = words.word().unwrap_or_default();
+    let first = words.next_word().unwrap_or_default();
     let Some(length) = integer(first).filter(|length| *length > 0) else {
-        return Err(MeshFileProblem::Malformed(format!("{} is not a number of corners", quoted(first))));
+        return Err(MeshFileProblem::Malformed(format!("{} is not a number of corners", quote_word(first))));
     };
     corners.clear();
     for given in 0..length {
-        let Some(word) = words.word() else {
+        let Some(word) = words.next_word() else {
             return Err(MeshFileProblem::Malformed(format!("a face has {given} corners instead of {length}")));
         };
         let Some(index) = integer(word) else {
-            return Err(MeshFileProblem::Malformed(format!("{} is not a corner of a face", quoted(word))));
+            return Err(MeshFileProblem::Malformed(format!("{} is not a corner of a face", quote_word(word))));
         };
         match u32::try_from(index).ok().filter(|corner| (*corner as usize) < count) {
             Some(corner) => corners.push(corner),

@@ -1,23 +1,24 @@
-//! A height map as an object: a plate whose side towards -z has the relief, closed all around.
+//! Makes an object of a height map: a plate with the relief on its side towards -z, closed all around.
 //!
-//! Columns go along x and rows along y, as on the sensor's image, so that the plate with its side -z on the pad is seen as the
-//! map is. Samples are vertices; of a square's two diagonals the one that is level, or less steep, divides it.
+//! Columns go along x and rows along y, as in the sensor's image, so that a plate with its side -z on the pad looks as
+//! the map does. Samples are vertices. Each square is divided along the diagonal that is less steep.
 
 use std::path::Path;
 
-use super::{MeshFileError, MeshFileProblem, Raw};
+use super::{MeshFileError, MeshFileProblem, RawMesh};
 use crate::{hash, heights, input};
 use gelsim_core::base::grid::Grid;
 use gelsim_core::mesh::{CleanupReport, Mesh};
 
-/// Samples of a height map at most: each becomes two triangles.
-const MOST_PX: usize = 2_000_000;
+/// Most samples of a height map. Each becomes two triangles.
+const MAX_PX: usize = 2_000_000;
 
-/// How thick the plate under the relief is, as a multiple of the relief's height, and at least, mm.
-const BACK: f64 = 1.0;
-const LEAST_BACK_MM: f64 = 1.0;
+/// Thickness of the plate under the relief, as a multiple of the relief's height.
+const BACK_PER_RELIEF: f64 = 1.0;
+/// The least thickness of the plate under the relief, mm.
+const MIN_BACK_MM: f64 = 1.0;
 
-/// How large a height map is.
+/// The size of a height map's object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlateSize {
     /// Distance between samples, mm.
@@ -26,39 +27,41 @@ pub struct PlateSize {
     pub height_mm: f64,
 }
 
-/// True if a file is named like a height map.
+/// Returns true if a file's extension is that of a height map.
 pub fn is_height_map(path: &Path) -> bool {
     let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
     ["png", "npy", "npz", "exr"].into_iter().any(|known| ending.as_deref() == Some(known.as_ref()))
 }
 
-/// Reads the height map at `path` as an object, with the SHA-256 of the file's bytes.
+/// Reads the height map at `path` as an object. Also returns the SHA-256 of the file's bytes.
 ///
 /// # Errors
 ///
-/// As [`super::load`]; also what makes a file no height map.
+/// Those of [`super::load`], and what makes a file no height map.
 pub fn load_plate(path: &Path, size: PlateSize) -> Result<(Mesh, CleanupReport, String), MeshFileError> {
     let in_file = |error: MeshFileError| error.in_file(path);
-    let bytes = input::read(path, input::MOST_IMAGE_BYTES)
-        .map_err(|error| in_file(MeshFileProblem::unreadable(error).into()))?;
-    let heights = heights::decode(&bytes).map_err(|reason| in_file(MeshFileProblem::NoHeightMap(reason).into()))?;
-    let raw = plate(&heights, size).map_err(|reason| in_file(MeshFileProblem::NoHeightMap(reason).into()))?;
-    let (mesh, cleaned) = raw.mesh(1.0).map_err(in_file)?;
+    let bytes = input::read(path, input::MAX_IMAGE_BYTES)
+        .map_err(|error| in_file(MeshFileProblem::from_io_error(error).into()))?;
+    let heights = heights::decode_height_map(&bytes)
+        .map_err(|reason| in_file(MeshFileProblem::InvalidHeightMap(reason).into()))?;
+    let raw =
+        build_plate(&heights, size).map_err(|reason| in_file(MeshFileProblem::InvalidHeightMap(reason).into()))?;
+    let (mesh, cleaned) = raw.into_mesh(1.0).map_err(in_file)?;
     Ok((mesh, cleaned, hash::sha256(&bytes)))
 }
 
-fn plate(heights: &Grid<f32>, size: PlateSize) -> Result<Raw, String> {
+fn build_plate(heights: &Grid<f32>, size: PlateSize) -> Result<RawMesh, String> {
     let Grid { width, height, .. } = *heights;
     if width < 2 || height < 2 {
         return Err(format!("{width}x{height} px are no surface: it takes 2 at least on each side"));
     }
-    if width * height > MOST_PX {
-        return Err(format!("{width}x{height} px are more than {MOST_PX}: make it smaller, and mm_per_px larger"));
+    if width * height > MAX_PX {
+        return Err(format!("{width}x{height} px are more than {MAX_PX}: make it smaller, and mm_per_px larger"));
     }
     let PlateSize { mm_per_px, height_mm } = size;
-    let back_mm = (BACK * height_mm).max(LEAST_BACK_MM);
+    let back_mm = (BACK_PER_RELIEF * height_mm).max(MIN_BACK_MM);
     let place = |at: usize, count: usize| (at as f64 + 0.5 - count as f64 / 2.0) * mm_per_px;
-    let mut raw = Raw::default();
+    let mut raw = RawMesh::default();
     for y in 0..height {
         let row = heights.row(y).iter().enumerate();
         raw.vertices.extend(row.map(|(x, h)| [place(x, width), place(y, height), -f64::from(*h) * height_mm]));
@@ -74,7 +77,7 @@ fn plate(heights: &Grid<f32>, size: PlateSize) -> Result<Raw, String> {
             });
         }
     }
-    // Around the rim from x to y, and the same on the back.
+    // The rim once around, from x towards y; the same points follow on the back.
     let rim: Vec<u32> = (0..width - 1)
         .map(|x| front(x, 0))
         .chain((0..height - 1).map(|y| front(width - 1, y)))
@@ -116,7 +119,7 @@ mod tests {
     #[test]
     fn a_plate_is_closed_and_its_faces_look_outwards() {
         let heights = map(5, 4, |x, y| ((3 * x + 7 * y) % 5) as f32 / 4.0);
-        let raw = plate(&heights, SIZE).expect("a plate");
+        let raw = build_plate(&heights, SIZE).expect("a plate");
         let mut edges = HashMap::new();
         let mut volume = 0.0;
         for triangle in &raw.triangles {
@@ -130,20 +133,20 @@ mod tests {
         // Between the plate without relief and one as high all over.
         let area = 4.0 * 3.0 * 0.25;
         assert!(volume > 2.0 * area && volume < 4.0 * area, "{volume}");
-        let level = plate(&map(5, 4, |_, _| 0.25), SIZE).expect("a plate");
+        let level = build_plate(&map(5, 4, |_, _| 0.25), SIZE).expect("a plate");
         let lowest = level.vertices.iter().map(|vertex| vertex[2]).fold(f64::INFINITY, f64::min);
         assert_eq!(lowest, -0.5);
     }
 
     #[test]
     fn a_map_is_seen_upright_with_its_peaks_towards_the_pad() {
-        let raw = plate(&map(3, 2, |x, y| if (x, y) == (2, 0) { 1.0 } else { 0.0 }), SIZE).expect("a plate");
+        let raw = build_plate(&map(3, 2, |x, y| if (x, y) == (2, 0) { 1.0 } else { 0.0 }), SIZE).expect("a plate");
         assert_eq!(raw.vertices[2], [0.5, -0.25, -2.0]);
     }
 
     #[test]
     fn maps_that_are_no_surface_are_refused() {
-        let refused = |width, height| plate(&map(width, height, |_, _| 0.0), SIZE).expect_err("no plate");
+        let refused = |width, height| build_plate(&map(width, height, |_, _| 0.0), SIZE).expect_err("no plate");
         assert_eq!(refused(1, 9), "1x9 px are no surface: it takes 2 at least on each side");
         assert!(refused(2001, 1000).starts_with("2001x1000 px are more than 2000000"));
     }

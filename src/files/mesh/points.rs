@@ -2,29 +2,29 @@
 
 use std::fmt;
 
-/// Points, and what they are.
+/// Points without a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Points {
-    /// How many there are.
+pub struct LoosePoints {
+    /// Their number.
     pub count: usize,
-    /// What they are.
+    /// Their kind.
     pub kind: PointKind,
 }
 
-/// What points are that belong to no triangle.
+/// Kinds of points that belong to no triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PointKind {
-    /// What a scanner or a camera measured.
+    /// Points that a scanner or a camera measured.
     #[default]
     Cloud,
-    /// Blobs of light, each with a size and a colour.
+    /// Gaussian splats: blobs of light, each with a size and a colour.
     Splats,
     /// Ends of lines.
     Lines,
 }
 
-impl Points {
-    /// A way out.
+impl LoosePoints {
+    /// Returns what to do.
     pub(super) fn help(self) -> &'static str {
         match self.kind {
             PointKind::Cloud => {
@@ -39,7 +39,7 @@ impl Points {
     }
 }
 
-impl fmt::Display for Points {
+impl fmt::Display for LoosePoints {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let what = match self.kind {
             PointKind::Cloud => "is a point cloud",

@@ -1,49 +1,49 @@
-//! Cuts the polygons of OBJ and PLY files into triangles, concave ones too.
+//! Cuts the polygons of mesh files into triangles, concave ones too.
 //!
-//! A convex quad is cut along its shorter diagonal. Every other polygon is projected along the main axis of its
-//! normal (Newell's method, as in Sutherland et al. 1974) and cut by ear clipping (crate `earcut`); what has no
-//! normal becomes a fan, whose triangles [`Mesh::new`](gelsim_core::mesh::Mesh::new) drops where they have no area.
+//! A convex quad is cut along its shorter diagonal. Every other polygon is projected along the main axis of its normal
+//! (Newell's method, as in Sutherland et al. 1974) and cut by ear clipping (crate `earcut`). A polygon without a normal
+//! becomes a fan; [`Mesh::new`](gelsim_core::mesh::Mesh::new) drops those of its triangles that have no area.
 
 use super::MeshFileProblem;
 use earcut::Earcut;
 
-/// Corners that one polygon may have. Ear clipping is quadratic on polygons that cross themselves, so that a
-/// damaged file could keep it busy for hours.
+/// Most corners of one polygon. Ear clipping is quadratic for polygons that cross themselves: a damaged file could keep
+/// it busy for hours.
 pub(super) const MAX_CORNERS: usize = 1 << 14;
 
-/// Squared corners of all polygons of a mesh that are neither small nor convex: about a second of ear clipping where
-/// they cross themselves.
+/// Most work for the polygons of a mesh that are neither small nor convex, as the sum of their squared numbers of
+/// corners: about a second of ear clipping if they cross themselves.
 const MAX_WORK: usize = 1 << 25;
-/// Corners of a polygon that is small.
+/// Most corners of a small polygon.
 const FEW_CORNERS: usize = 16;
 
-const TRIANGULATE: &str =
+const TRIANGULATE_HELP: &str =
     "cut its faces into triangles when it is exported (Triangulate in Blender and in most CAD programs)";
 
-/// A polygon with so many corners.
+/// Makes the error for a polygon with this many corners.
 pub(super) fn too_many_corners(count: usize) -> MeshFileProblem {
     let what = format!("a face has {count} corners, more than the {MAX_CORNERS} allowed");
-    MeshFileProblem::advised(what, TRIANGULATE)
+    MeshFileProblem::with_help(what, TRIANGULATE_HELP)
 }
 
-/// Cuts polygons; holds the memory for it, so that a mesh needs one.
-pub(super) struct Cutter {
+/// Cuts polygons. It keeps its buffers, so that a mesh needs only one of it.
+pub(super) struct Triangulator {
     earcut: Earcut<f64>,
     flat: Vec<[f64; 2]>,
     ears: Vec<u32>,
-    work: usize,
+    corners_squared: usize,
 }
 
-impl Cutter {
+impl Triangulator {
     pub(super) fn new() -> Self {
-        Cutter { earcut: Earcut::new(), flat: Vec::new(), ears: Vec::new(), work: 0 }
+        Triangulator { earcut: Earcut::new(), flat: Vec::new(), ears: Vec::new(), corners_squared: 0 }
     }
 
-    /// Appends the triangles of the polygon, turning the way it does. Every corner must index `vertices`.
+    /// Appends the triangles of the polygon, with the same orientation. Every corner must be an index of `vertices`.
     ///
-    /// One or two corners give one triangle without area, so that they are counted. A polygon with a corner that
-    /// is not finite becomes a fan around that corner: all of it will be dropped.
-    pub(super) fn cut(
+    /// One or two corners give one triangle without area, so that they are counted. A polygon with a corner that is not
+    /// finite becomes a fan around that corner, all of which is dropped later.
+    pub(super) fn triangulate(
         &mut self,
         vertices: &[[f64; 3]],
         corners: &[u32],
@@ -61,41 +61,42 @@ impl Cutter {
                 let at = |corner: u32| vertices[corner as usize];
                 let hub = corners.iter().position(|&corner| !at(corner).iter().all(|x| x.is_finite()));
                 if let Some(hub) = hub {
-                    fan(corners, hub, triangles);
+                    push_fan(corners, hub, triangles);
                 } else if let [a, b, c, d] = *corners
-                    && let Some(two) = halve([a, b, c, d], [a, b, c, d].map(at))
+                    && let Some(two) = split_quad([a, b, c, d], [a, b, c, d].map(at))
                 {
                     triangles.extend(two);
-                } else if self.project(vertices, corners) {
+                } else if self.project_to_plane(vertices, corners) {
                     if corners.len() > FEW_CORNERS && !is_convex(&self.flat) {
-                        self.work += corners.len().pow(2);
+                        self.corners_squared += corners.len().pow(2);
                     }
-                    if self.work > MAX_WORK {
+                    if self.corners_squared > MAX_WORK {
                         let what = "the concave faces up to here have too many corners";
-                        return Err(MeshFileProblem::advised(what, TRIANGULATE));
+                        return Err(MeshFileProblem::with_help(what, TRIANGULATE_HELP));
                     }
                     self.earcut.earcut_slice(&self.flat, &[], &mut self.ears);
                     if self.ears.is_empty() {
-                        fan(corners, 0, triangles);
+                        push_fan(corners, 0, triangles);
                     }
                     let ears = self.ears.as_chunks::<3>().0.iter();
                     triangles.extend(ears.map(|ear| ear.map(|corner| corners[corner as usize])));
                 } else {
-                    fan(corners, 0, triangles);
+                    push_fan(corners, 0, triangles);
                 }
             }
         }
         Ok(())
     }
 
-    /// Fills `flat` with the polygon seen along the main axis of its normal, counterclockwise and about one unit
-    /// wide (so that nothing overflows or underflows in ear clipping); false if it has no normal.
-    fn project(&mut self, vertices: &[[f64; 3]], corners: &[u32]) -> bool {
+    /// Fills `flat` with the polygon seen along the main axis of its normal, counterclockwise and about one unit wide,
+    /// so that nothing overflows or underflows in ear clipping. Returns false if the polygon has no normal.
+    fn project_to_plane(&mut self, vertices: &[[f64; 3]], corners: &[u32]) -> bool {
         let at = |corner: u32| vertices[corner as usize];
         let origin = at(corners[0]);
         let from_origin = |corner: u32| subtract(at(corner), origin);
         let reach =
             corners.iter().flat_map(|&corner| from_origin(corner)).fold(0.0, |reach: f64, x| reach.max(x.abs()));
+        // Outside this range the squared lengths would overflow or vanish.
         if !(1e-200..1e200).contains(&reach) {
             return false;
         }
@@ -103,6 +104,7 @@ impl Cutter {
         let scale = reach.log2().floor().exp2().recip();
         let point = |corner: u32| from_origin(corner).map(|x| x * scale);
 
+        // Newell's normal: the sum of the cross products of successive corners.
         let mut normal = [0.0; 3];
         let mut previous = point(corners[corners.len() - 1]);
         for &corner in corners {
@@ -126,7 +128,7 @@ impl Cutter {
     }
 }
 
-/// Whether a closed line turns left everywhere and goes around once.
+/// Returns true if a closed line turns left everywhere and goes around once.
 fn is_convex(points: &[[f64; 2]]) -> bool {
     let count = points.len();
     let step = |i: usize| {
@@ -137,13 +139,13 @@ fn is_convex(points: &[[f64; 2]]) -> bool {
         let (u, v) = (step(i), step(i + 1));
         u[0] * v[1] >= u[1] * v[0]
     };
-    // Half of an outline goes to the right.
+    // An outline that goes around once begins to go to the right only once.
     let is_start = |i: &usize| step(*i)[0] > 0.0 && step(*i + count - 1)[0] <= 0.0;
     (0..count).all(turns_left) && (0..count).filter(is_start).count() <= 1
 }
 
-/// The two triangles of a convex quad; `None` for any other.
-fn halve([a, b, c, d]: [u32; 4], [p, q, r, s]: [[f64; 3]; 4]) -> Option<[[u32; 3]; 2]> {
+/// Returns the two triangles of a convex quad, or `None` for any other.
+fn split_quad([a, b, c, d]: [u32; 4], [p, q, r, s]: [[f64; 3]; 4]) -> Option<[[u32; 3]; 2]> {
     let normal = |p, q, r| cross(subtract(q, p), subtract(r, p));
     let is_valid_along_ac = dot(normal(p, q, r), normal(p, r, s)) > 0.0;
     let is_valid_along_bd = dot(normal(p, q, s), normal(q, r, s)) > 0.0;
@@ -151,11 +153,11 @@ fn halve([a, b, c, d]: [u32; 4], [p, q, r, s]: [[f64; 3]; 4]) -> Option<[[u32; 3
         return None;
     }
     let [ac, bd] = [subtract(r, p), subtract(s, q)].map(|diagonal| dot(diagonal, diagonal));
-    // The margin keeps rounding from choosing differently for equal rectangles.
+    // The margin keeps rounding from choosing different diagonals for equal rectangles.
     if bd < ac * (1.0 - 1e-6) { Some([[a, b, d], [b, c, d]]) } else { Some([[a, b, c], [a, c, d]]) }
 }
 
-fn fan(corners: &[u32], hub: usize, triangles: &mut Vec<[u32; 3]>) {
+fn push_fan(corners: &[u32], hub: usize, triangles: &mut Vec<[u32; 3]>) {
     let (end, start) = corners.split_at(hub);
     let mut rim = start.iter().chain(end).copied();
     if let (Some(hub), Some(mut last)) = (rim.next(), rim.next()) {
@@ -190,7 +192,7 @@ mod tests {
     fn cut(vertices: &[[f64; 3]]) -> Vec<[u32; 3]> {
         let corners: Vec<u32> = (0..vertices.len() as u32).collect();
         let mut triangles = Vec::new();
-        Cutter::new().cut(vertices, &corners, &mut triangles).unwrap();
+        Triangulator::new().triangulate(vertices, &corners, &mut triangles).unwrap();
         triangles
     }
 
@@ -286,7 +288,7 @@ mod tests {
     fn a_polygon_with_too_many_corners_is_refused() {
         let vertices = vec![[0.0; 3]; MAX_CORNERS + 1];
         let corners: Vec<u32> = (0..vertices.len() as u32).collect();
-        let problem = Cutter::new().cut(&vertices, &corners, &mut Vec::new()).unwrap_err();
+        let problem = Triangulator::new().triangulate(&vertices, &corners, &mut Vec::new()).unwrap_err();
         assert_eq!(problem.to_string(), "a face has 16385 corners, more than the 16384 allowed");
     }
 
@@ -298,8 +300,10 @@ mod tests {
         };
         let cut_all = |vertices: &[[f64; 3]], times: usize| {
             let corners: Vec<u32> = (0..vertices.len() as u32).collect();
-            let (mut cutter, mut triangles) = (Cutter::new(), Vec::new());
-            (0..times).try_for_each(|_| cutter.cut(vertices, &corners, &mut triangles)).map(|()| triangles.len())
+            let (mut cutter, mut triangles) = (Triangulator::new(), Vec::new());
+            (0..times)
+                .try_for_each(|_| cutter.triangulate(vertices, &corners, &mut triangles))
+                .map(|()| triangles.len())
         };
         // A cap of many corners is cut however often it comes; a star of as many is not.
         assert_eq!(cut_all(&circle(9973, 1), 9).ok(), Some(9 * 9971));

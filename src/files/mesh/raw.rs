@@ -1,63 +1,65 @@
-//! What a reader finds in a file, before it becomes meshes.
+//! The vertices and triangles that a reader finds in a file, before they become meshes.
 
 use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3};
 
-use super::points::Points;
+use super::points::LoosePoints;
 use super::remark::Remark;
 use super::{MeshFileError, MeshFileProblem};
-use crate::figures::figure;
 use crate::length::Unit;
-use crate::unpack;
+use crate::number_format::format_number;
+use crate::size_limits;
 use gelsim_core::mesh::cleaning::LARGEST_MM;
 use gelsim_core::mesh::{CleanupReport, Mesh, MeshError};
 
-/// What a reader finds in a file, in the file's unit.
+/// The content of a file, in the file's unit.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Raw {
+pub(super) struct RawMesh {
     pub(super) vertices: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// Which triangles belong together.
-    pub(super) parts: Parts,
+    pub(super) parts: PartRanges,
     /// Millimetres of a coordinate of 1, if the format or the file says so.
     pub(super) mm_per_unit: Option<f64>,
-    /// What points are that belong to no triangle, and how many there are that are no vertices.
-    pub(super) points: Points,
-    /// What to know of how it was read.
+    /// Points that belong to no triangle: their kind, and the number of those that are no vertices.
+    pub(super) points: LoosePoints,
+    /// What a user should know of how the file was read.
     pub(super) remarks: Vec<Remark>,
 }
 
-impl Raw {
-    /// Refuses what has points and no triangle.
-    pub(super) fn with_surface(self) -> Result<Self, MeshFileError> {
+impl RawMesh {
+    /// Refuses a file that has points and no triangle.
+    pub(super) fn require_surface(self) -> Result<Self, MeshFileError> {
         let count = self.vertices.len() + self.points.count;
         if self.triangles.is_empty() && count > 0 {
-            return Err(MeshFileProblem::Points(Points { count, ..self.points }).into());
+            return Err(MeshFileProblem::Points(LoosePoints { count, ..self.points }).into());
         }
         Ok(self)
     }
 
-    /// All of it as one mesh.
-    pub(super) fn mesh(mut self, mm_per_unit: f64) -> Result<(Mesh, CleanupReport), MeshFileError> {
+    /// Makes one mesh of all triangles.
+    pub(super) fn into_mesh(mut self, mm_per_unit: f64) -> Result<(Mesh, CleanupReport), MeshFileError> {
         for coordinate in self.vertices.as_flattened_mut() {
             *coordinate *= mm_per_unit;
         }
         Mesh::new(self.vertices, self.triangles).map_err(|error| match error {
             MeshError::TooLarge(mm) => {
-                MeshFileProblem::advised(error.to_string(), smaller(mm / mm_per_unit, mm_per_unit)).into()
+                MeshFileProblem::with_help(error.to_string(), suggest_smaller_unit(mm / mm_per_unit, mm_per_unit))
+                    .into()
             }
             error => error.into(),
         })
     }
 
-    /// Its parts that have triangles, in the order in which they begin, each with the vertices it uses.
-    pub(super) fn split(self) -> Vec<(String, Raw)> {
-        let mut split: Vec<Raw> = Vec::new();
-        split.resize_with(self.parts.names.len(), Raw::default);
+    /// Splits the content into its parts, in the order in which they begin. Parts without triangles are dropped. Each
+    /// part keeps the vertices that it uses.
+    pub(super) fn split_parts(self) -> Vec<(String, RawMesh)> {
+        let mut split: Vec<RawMesh> = Vec::new();
+        split.resize_with(self.parts.names.len(), RawMesh::default);
         let mut kept: Vec<HashMap<u32, u32>> = Vec::new();
         kept.resize_with(split.len(), HashMap::new);
-        for (part, triangles) in self.parts.runs(self.triangles.len()) {
+        for (part, triangles) in self.parts.triangle_ranges(self.triangles.len()) {
             let (raw, kept) = (&mut split[part], &mut kept[part]);
             for corners in &self.triangles[triangles] {
                 let corners = corners.map(|corner| {
@@ -73,7 +75,7 @@ impl Raw {
         named.filter(|(_, raw)| !raw.triangles.is_empty()).collect()
     }
 
-    /// Appends vertices moved by `place`; the number of the first.
+    /// Appends vertices, moved by `place`. Returns the index of the first.
     pub(super) fn add_vertices(
         &mut self,
         place: &DAffine3,
@@ -87,8 +89,8 @@ impl Raw {
         Ok(first as u32)
     }
 
-    /// Appends triangles of vertices that were added from `first` on; a place that mirrors turns them over, so that their
-    /// front stays outside.
+    /// Appends triangles whose vertices were added from index `first` on. If `place` mirrors, they are turned over, so
+    /// that their front stays outside.
     pub(super) fn add_triangles(&mut self, place: &DAffine3, first: u32, triangles: &[[u32; 3]]) {
         let mirrors = place.matrix3.determinant() < 0.0;
         self.triangles.extend(triangles.iter().map(|&[a, b, c]| {
@@ -97,16 +99,17 @@ impl Raw {
         }));
     }
 
-    /// Refuses what became much more than the `bytes` it was read from: the same shape used over and over.
+    /// Refuses content that is much larger than the `bytes` it was read from, as a shape that is used over and over
+    /// would make it.
     pub(super) fn check_growth(&self, bytes: usize) -> Result<(), MeshFileError> {
-        unpack::bytes(24 * self.vertices.len() + 12 * self.triangles.len(), bytes)
+        size_limits::check_unpacked_bytes(24 * self.vertices.len() + 12 * self.triangles.len(), bytes)
             .map_err(|reason| MeshFileProblem::Malformed(format!("repeats its shapes too often: {reason}")).into())
     }
 }
 
-/// The triangles of a strip, each of which shares two corners with the one before it: every second one turns the other way.
-/// Those that only join two strips have a corner twice and are left out.
-pub(super) fn strip(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
+/// Iterates over the triangles of a strip. Each shares two corners with the one before it, so every second one is
+/// turned over. Triangles that only join two strips have a corner twice and are left out.
+pub(super) fn iter_strip_triangles(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     let turned = corners.windows(3).enumerate().map(|(i, window)| match i % 2 {
         0 => [window[0], window[1], window[2]],
         _ => [window[1], window[0], window[2]],
@@ -114,19 +117,19 @@ pub(super) fn strip(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     turned.filter(|[a, b, c]| a != b && b != c && c != a)
 }
 
-/// The triangles of a fan, which all have its first corner.
-pub(super) fn fan(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
+/// Iterates over the triangles of a fan, all of which have its first corner.
+pub(super) fn iter_fan_triangles(corners: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
     corners.windows(2).skip(1).map(|pair| [corners[0], pair[0], pair[1]])
 }
 
-/// What to do about coordinates that span so much and are too large in this unit.
-fn smaller(length: f64, mm_per_unit: f64) -> String {
-    let fits = |unit: &Unit| unit.mm() < mm_per_unit && length * unit.mm() <= LARGEST_MM;
+/// Says what to do if coordinates that span `length` are too large in this unit.
+fn suggest_smaller_unit(length: f64, mm_per_unit: f64) -> String {
+    let fits = |unit: &Unit| unit.mm_per_unit() < mm_per_unit && length * unit.mm_per_unit() <= LARGEST_MM;
     match Unit::ALL.into_iter().find(fits) {
         Some(unit) => format!(
             "write the unit of its values, such as unit = \"{}\" under [[object]]: it is {} mm long then",
             unit.name(),
-            figure(length * unit.mm())
+            format_number(length * unit.mm_per_unit())
         ),
         None => {
             String::from("no unit makes it smaller: delete what lies far away in it, or scale it where it was made")
@@ -134,18 +137,18 @@ fn smaller(length: f64, mm_per_unit: f64) -> String {
     }
 }
 
-/// Names of parts, and which triangles each has.
+/// The names of parts and the triangles of each.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Parts {
+pub(super) struct PartRanges {
     names: Vec<String>,
     numbers: HashMap<String, usize>,
-    /// Where a part begins or goes on: its number, and that of the first triangle.
+    /// Where a part begins or goes on: its index, and that of the first triangle.
     starts: Vec<(usize, usize)>,
 }
 
-impl Parts {
-    /// From this triangle on, the part of that name: another one than before, or the same going on.
-    pub(super) fn go_on(&mut self, name: String, triangle: usize) {
+impl PartRanges {
+    /// From this triangle on, adds to the part of this name, which is new or is continued.
+    pub(super) fn continue_part(&mut self, name: String, triangle: usize) {
         let next = self.names.len();
         let number = *self.numbers.entry(name.clone()).or_insert(next);
         if number == next {
@@ -154,23 +157,24 @@ impl Parts {
         self.starts.push((number, triangle));
     }
 
-    /// From this triangle on, a part of its own, whose name gets a number if another part has it.
-    pub(super) fn begin(&mut self, name: &str, triangle: usize) {
+    /// From this triangle on, begins a new part. Its name gets a number if another part has the name.
+    pub(super) fn begin_part(&mut self, name: &str, triangle: usize) {
         let mut own = name.to_owned();
         let mut number = 1;
         while self.numbers.contains_key(&own) {
             number += 1;
             own = format!("{name}-{number}");
         }
-        self.go_on(own, triangle);
+        self.continue_part(own, triangle);
     }
 
     pub(super) fn is_empty(&self) -> bool {
         self.names.is_empty()
     }
 
-    /// Each part's number with a stretch of triangles, of which there are `count`; those before the first part are nobody's.
-    fn runs(&self, count: usize) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> + '_ {
+    /// Iterates over the ranges of triangles, each with the index of its part. There are `count` triangles; those
+    /// before the first part belong to none.
+    fn triangle_ranges(&self, count: usize) -> impl Iterator<Item = (usize, std::ops::Range<usize>)> + '_ {
         let ends = self.starts.iter().skip(1).map(|(_, start)| *start).chain([count]);
         self.starts.iter().zip(ends).map(|((part, start), end)| (*part, *start..end))
     }

@@ -1,28 +1,28 @@
-//! What to know of how a file was read, though it could be.
+//! Remarks on how a file was read: it could be, but something was unclear.
 
 use std::fmt;
 
 use super::Format;
 
-/// Something unclear that was decided.
+/// Something that was unclear and had to be decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Remark {
-    /// The file's ending says another format than its bytes.
+    /// The file's extension is that of another format than its bytes.
     Misnamed(Format),
-    /// A binary STL counts other triangles than it holds.
+    /// The header of a binary STL counts another number of triangles than the file holds.
     Count {
-        /// As its header says.
+        /// The number in the header.
         claimed: u64,
-        /// As many fill the file to its end.
+        /// The number that fills the file to its end.
         held: u64,
     },
 }
 
 impl Remark {
-    /// A way out.
+    /// Returns what to do.
     pub fn help(self) -> String {
         match self {
-            Self::Misnamed(format) => format!("give it the ending .{}", format.endings()[0]),
+            Self::Misnamed(format) => format!("give it the ending .{}", format.extensions()[0]),
             Self::Count { .. } => {
                 String::from("look at it with gelsim preview: if a part is missing, copy or export it again")
             }

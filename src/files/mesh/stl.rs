@@ -1,20 +1,20 @@
 //! Reads STL, binary and ASCII.
 //!
-//! Our own reader: `stl_io` 0.11 takes a binary file whose header starts with "solid" for text, and of text reads
-//! only UTF-8 in lower case, with normals, up to the first `endsolid`; its errors tell no line.
+//! Our own reader, since `stl_io` 0.11 takes a binary file whose header starts with "solid" for text. Of text it reads
+//! only UTF-8 in lower case, with normals, up to the first `endsolid`, and its errors name no line.
 
 use crate::mesh::remark::Remark;
-use crate::mesh::{MeshFileError, MeshFileProblem, Raw, Words, coordinates, quoted};
+use crate::mesh::{MeshFileError, MeshFileProblem, RawMesh, WordReader, quote_word, read_coordinates};
 use gelsim_core::mesh::MeshError;
 
-const HEADER: usize = 84;
-const FACET: usize = 50;
+const HEADER_BYTES: usize = 84;
+const FACET_BYTES: usize = 50;
 
-/// Three vertices of their own for every triangle, in the order of the file.
-pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
-    let raw = match bytes.split_at_checked(HEADER) {
-        Some((header, facets)) if is_complete(header, facets) || !is_text(bytes) => binary(header, facets)?,
-        _ if is_text(bytes) => ascii(bytes)?,
+/// Reads the triangles in the order of the file. Each has three vertices of its own.
+pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, MeshFileError> {
+    let raw = match bytes.split_at_checked(HEADER_BYTES) {
+        Some((header, facets)) if is_complete(header, facets) || !is_text(bytes) => read_binary(header, facets)?,
+        _ if is_text(bytes) => read_ascii(bytes)?,
         _ => return Err(MeshFileProblem::Malformed("is neither ASCII nor binary STL".into()).into()),
     };
     if raw.triangles.is_empty() {
@@ -23,53 +23,59 @@ pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
     Ok(raw)
 }
 
-/// True of a binary file as long as it says.
+/// Returns true for a binary file that is as long as its header says.
 pub(super) fn is_binary(bytes: &[u8]) -> bool {
-    bytes.split_at_checked(HEADER).is_some_and(|(header, facets)| claimed(header) > 0 && is_complete(header, facets))
+    bytes
+        .split_at_checked(HEADER_BYTES)
+        .is_some_and(|(header, facets)| read_facet_count(header) > 0 && is_complete(header, facets))
 }
 
-/// True of text with a facet, or an end, right after its first line.
+/// Returns true for a text with a facet, or an end, right after its first line.
 pub(super) fn is_ascii(bytes: &[u8]) -> bool {
-    let mut words = Words::new(bytes);
-    let begins = words.word_anywhere().is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && words.next_line();
-    let second = words.word_anywhere().and_then(keyword);
+    let mut words = WordReader::new(bytes);
+    let begins =
+        words.next_word_any_line().is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && words.next_line();
+    let second = words.next_word_any_line().and_then(parse_keyword);
     begins && matches!(second, Some(Keyword::Facet | Keyword::EndSolid | Keyword::Solid))
 }
 
-fn claimed(header: &[u8]) -> u64 {
+fn read_facet_count(header: &[u8]) -> u64 {
     header.last_chunk().map_or(0, |count| u32::from_le_bytes(*count).into())
 }
 
 fn is_complete(header: &[u8], facets: &[u8]) -> bool {
-    facets.len() as u64 == claimed(header) * FACET as u64
+    facets.len() as u64 == read_facet_count(header) * FACET_BYTES as u64
 }
 
-/// Whether the file starts as text does. Binary files have a zero early on: in the count, if it is below 2^24.
+/// Returns true if the file starts as text does. Binary files have a zero early on: the count has one if it is below
+/// 2^24.
 fn is_text(bytes: &[u8]) -> bool {
-    Words::new(bytes).word_anywhere().is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
+    WordReader::new(bytes).next_word_any_line().is_some_and(|word| word.eq_ignore_ascii_case(b"solid"))
         && !bytes.iter().take(1024).any(|&byte| byte == 0)
 }
 
-fn binary(header: &[u8], facets: &[u8]) -> Result<Raw, MeshFileProblem> {
-    let claimed = claimed(header);
-    let room = (facets.len() / FACET) as u64;
-    // Less than a facet, or zeros, is padding; anything else means that one of the two numbers is wrong.
-    let used = facets.len().min((claimed as usize).saturating_mul(FACET));
+fn read_binary(header: &[u8], facets: &[u8]) -> Result<RawMesh, MeshFileProblem> {
+    let claimed = read_facet_count(header);
+    let room = (facets.len() / FACET_BYTES) as u64;
+    // A rest that is shorter than a facet, or is all zeros, is padding. Any other rest means that the count or the
+    // length is wrong.
+    let used = facets.len().min((claimed as usize).saturating_mul(FACET_BYTES));
     let padding = &facets[used..];
-    let is_padding = padding.len() < FACET || (claimed > 0 && padding.iter().all(|&byte| byte == 0));
+    let is_padding = padding.len() < FACET_BYTES || (claimed > 0 && padding.iter().all(|&byte| byte == 0));
     let is_trusted = claimed <= room && is_padding;
-    // Who writes facets as they come knows their number last, and some never go back to write it.
-    let is_whole = room > 0 && facets.len().is_multiple_of(FACET) && are_likely(facets);
-    if !is_trusted && !is_whole {
-        return Err(MeshFileProblem::Room { claimed, what: "triangles".into(), room });
+    // A program that writes facets as they come knows their number last, and some never go back to write it.
+    let is_complete_file = room > 0 && facets.len().is_multiple_of(FACET_BYTES) && has_plausible_corners(facets);
+    if !is_trusted && !is_complete_file {
+        return Err(MeshFileProblem::CountMismatch { claimed, what: "triangles".into(), room });
     }
     let used = if is_trusted { used } else { facets.len() };
+    // A count of 0 or of all ones says that it was never filled in: there is nothing to remark on.
     let is_open = claimed == 0 || claimed == u64::from(u32::MAX);
     let remarks = if is_trusted || is_open { Vec::new() } else { vec![Remark::Count { claimed, held: room }] };
     if 3 * room > u64::from(u32::MAX) {
         return Err(MeshError::TooMany("corners").into());
     }
-    let facets = facets[..used].as_chunks::<FACET>().0;
+    let facets = facets[..used].as_chunks::<FACET_BYTES>().0;
     let mut vertices = Vec::with_capacity(3 * facets.len());
     for facet in facets {
         // 12 bytes of normal, 3 corners of 12, 2 bytes of attributes
@@ -79,14 +85,18 @@ fn binary(header: &[u8], facets: &[u8]) -> Result<Raw, MeshFileProblem> {
         }
     }
     let triangles = (0..facets.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    Ok(Raw { vertices, triangles, remarks, ..Raw::default() })
+    Ok(RawMesh { vertices, triangles, remarks, ..RawMesh::default() })
 }
 
-/// Whether all corners are numbers that things are measured in, as bytes of something else are not.
-fn are_likely(facets: &[u8]) -> bool {
+/// Returns true if all corners are numbers of a usual size. Other bytes read as floats hardly ever are.
+fn has_plausible_corners(facets: &[u8]) -> bool {
     let number = |bytes: &[u8; 4]| f32::from_le_bytes(*bytes);
     let is_likely = |x: f32| x == 0.0 || (1e-20..1e15).contains(&x.abs());
-    facets.as_chunks::<FACET>().0.iter().all(|facet| facet[12..48].as_chunks::<4>().0.iter().map(number).all(is_likely))
+    facets
+        .as_chunks::<FACET_BYTES>()
+        .0
+        .iter()
+        .all(|facet| facet[12..48].as_chunks::<4>().0.iter().map(number).all(is_likely))
 }
 
 #[derive(Clone, Copy)]
@@ -110,34 +120,35 @@ const KEYWORDS: [(&str, Keyword); 8] = [
     ("endsolid", Keyword::EndSolid),
 ];
 
-fn keyword(word: &[u8]) -> Option<Keyword> {
+fn parse_keyword(word: &[u8]) -> Option<Keyword> {
     let found = KEYWORDS.iter().find(|(name, _)| word.eq_ignore_ascii_case(name.as_bytes()));
     found.map(|&(_, keyword)| keyword)
 }
 
-/// Normals are passed over, whatever they are; lines may be broken anywhere but in a vertex or a name.
-fn ascii(bytes: &[u8]) -> Result<Raw, MeshFileError> {
-    let mut raw = Raw::default();
-    let mut words = Words::new(bytes);
+/// Reads text. Normals are ignored, whatever they are. Lines may be broken anywhere but in a vertex or a name.
+fn read_ascii(bytes: &[u8]) -> Result<RawMesh, MeshFileError> {
+    let mut raw = RawMesh::default();
+    let mut words = WordReader::new(bytes);
     // Number of vertices before the facet that is open.
     let mut open: Option<usize> = None;
-    while let Some(word) = words.word_anywhere() {
+    while let Some(word) = words.next_word_any_line() {
         let line = words.line;
         let wrong = |message: String| Err(MeshFileError::at_line(line, MeshFileProblem::Malformed(message)));
-        match (keyword(word), open) {
+        match (parse_keyword(word), open) {
             (Some(Keyword::Solid | Keyword::EndSolid), None) => {
                 words.next_line();
             }
             (Some(Keyword::Facet), None) => {
                 open = Some(raw.vertices.len());
+                // Skip what stands for a normal: all words up to the next keyword.
                 let mut ahead = words;
-                while ahead.word_anywhere().is_some_and(|word| keyword(word).is_none()) {
+                while ahead.next_word_any_line().is_some_and(|word| parse_keyword(word).is_none()) {
                     words = ahead;
                 }
             }
             (Some(Keyword::Loop), Some(_)) => {}
             (Some(Keyword::Vertex), Some(_)) => {
-                let vertex = coordinates(&mut words).map_err(|problem| MeshFileError::at_line(line, problem))?;
+                let vertex = read_coordinates(&mut words).map_err(|problem| MeshFileError::at_line(line, problem))?;
                 raw.vertices.push(vertex);
             }
             (Some(Keyword::EndFacet), Some(start)) => {
@@ -152,13 +163,13 @@ fn ascii(bytes: &[u8]) -> Result<Raw, MeshFileError> {
                 }
                 open = None;
             }
-            (Some(_), Some(_)) => return wrong(format!("{} inside a facet", quoted(word))),
-            (Some(_), None) => return wrong(format!("{} outside a facet", quoted(word))),
-            (None, _) => return wrong(format!("{} is not a word of STL", quoted(word))),
+            (Some(_), Some(_)) => return wrong(format!("{} inside a facet", quote_word(word))),
+            (Some(_), None) => return wrong(format!("{} outside a facet", quote_word(word))),
+            (None, _) => return wrong(format!("{} is not a word of STL", quote_word(word))),
         }
     }
     match open {
-        Some(_) => Err(MeshFileProblem::EndsEarly("a facet".into()).into()),
+        Some(_) => Err(MeshFileProblem::UnexpectedEnd("a facet".into()).into()),
         None => Ok(raw),
     }
 }
@@ -224,7 +235,7 @@ mod tests {
         let mut longer = file(b"", 3, 12);
         longer.push(1);
         assert_eq!(failure(&longer), "says 3 triangles but has room for 12");
-        // Whole facets that are none: of random bytes few are lengths.
+        // As many bytes as complete facets, but random: few of their numbers are lengths.
         let mut noise = file(b"", 7, 12);
         (84..684).for_each(|at| noise[at] = ((at * at * 31) >> 3) as u8);
         assert_eq!(failure(&noise), "says 7 triangles but has room for 12");

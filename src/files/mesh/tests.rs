@@ -114,14 +114,14 @@ fn cube_off() -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Its buffer: positions, then indices.
+/// The buffer of the cube: positions, then indices.
 pub(super) fn cube_buffer() -> Vec<u8> {
     let mut bytes: Vec<u8> = CORNERS.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
     bytes.extend(triangles().as_flattened().iter().flat_map(|index| (*index as u16).to_le_bytes()));
     bytes
 }
 
-/// Its JSON, with `uri` in its buffer.
+/// The JSON of the cube, with `uri` in its buffer.
 pub(super) fn cube_gltf(uri: &str) -> String {
     format!(
         r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],
@@ -230,9 +230,9 @@ fn one_cube_is_the_same_mesh_in_every_format() {
 fn a_file_is_read_by_its_extension_in_any_case_and_hashed() {
     let folder = tempfile::tempdir().unwrap();
     for (i, (format, bytes)) in cubes().into_iter().enumerate() {
-        let path = folder.path().join(format!("{i}.{}", format.endings()[0].to_uppercase()));
+        let path = folder.path().join(format!("{i}.{}", format.extensions()[0].to_uppercase()));
         fs::write(&path, bytes).unwrap();
-        let loaded = load(&path, Reading::default()).unwrap();
+        let loaded = load(&path, MeshReadOptions::default()).unwrap();
         assert_eq!(loaded.mesh.triangles.len(), 12);
         let says = match format {
             Format::Gltf => 1000.0,
@@ -269,7 +269,7 @@ fn errors_name_the_file_and_the_line() {
     }
 }
 
-/// What is said of a file of this name with these bytes, and the way out.
+/// Returns what is said of a file of this name with these bytes, and what to do.
 fn said(name: &str, bytes: &[u8]) -> (String, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -310,7 +310,7 @@ fn an_ending_that_is_not_read_has_its_own_way_out() {
         ("a.stl.download", &cube_stl_binary(), "it is STL by its bytes: give it the ending .stl"),
     ] {
         let (said, way_out) = said(name, bytes);
-        // A robot is one whatever it is called; its macros are what keeps it from being read.
+        // A robot is recognised whatever its name is; its macros are what keeps it from being read.
         let expected = if name.ends_with("xacro") { "it is URDF by its bytes" } else { help };
         assert!(
             said.starts_with("is not named like a mesh") && way_out.contains(expected),
@@ -325,12 +325,12 @@ fn a_mesh_of_another_format_than_its_ending_says_is_read_by_its_bytes() {
     let (expected, _) = parse(&cube_obj(), Format::Obj, 2.0).unwrap();
     for (format, bytes) in cubes() {
         for named in Format::ALL.into_iter().filter(|named| *named != format) {
-            let path = folder.path().join(format!("a.{}", named.endings()[0]));
+            let path = folder.path().join(format!("a.{}", named.extensions()[0]));
             fs::write(&path, &bytes).unwrap();
             let Ok(loaded) = load(&path, 2.0) else { panic!("{format:?} named as {named:?}") };
-            assert_eq!((&loaded.mesh, loaded.given.format), (&expected, format), "named as {named:?}");
+            assert_eq!((&loaded.mesh, loaded.file_summary.format), (&expected, format), "named as {named:?}");
             assert_eq!(loaded.remarks, [Remark::Misnamed(format)]);
-            assert_eq!(load(&path, Reading::default()).unwrap().states_its_unit, format.knows_its_unit());
+            assert_eq!(load(&path, MeshReadOptions::default()).unwrap().states_its_unit, format.has_known_unit());
         }
     }
     let path = folder.path().join("a.stl");
@@ -366,28 +366,28 @@ fn a_unit_that_is_not_finite_leaves_no_finite_vertex() {
 
 #[test]
 fn words_end_at_blanks_comments_and_continued_lines() {
-    let mut words = Words::new(b"\xef\xbb\xbf a\tbc#d\\\n\\e\\\r\n f\\ \r\rg");
-    assert_eq!(words.word(), Some(&b"a"[..]));
-    assert_eq!(words.word(), Some(&b"bc"[..]));
-    assert_eq!(words.word(), None);
+    let mut words = WordReader::new(b"\xef\xbb\xbf a\tbc#d\\\n\\e\\\r\n f\\ \r\rg");
+    assert_eq!(words.next_word(), Some(&b"a"[..]));
+    assert_eq!(words.next_word(), Some(&b"bc"[..]));
+    assert_eq!(words.next_word(), None);
     assert!(words.next_line());
-    assert_eq!((words.word(), words.line), (Some(&b"\\e"[..]), 2));
-    assert_eq!((words.word(), words.line), (Some(&b"f\\"[..]), 3));
-    assert_eq!(words.word(), None);
-    assert_eq!((words.word_anywhere(), words.line), (Some(&b"g"[..]), 5));
-    assert_eq!(words.word_anywhere(), None);
+    assert_eq!((words.next_word(), words.line), (Some(&b"\\e"[..]), 2));
+    assert_eq!((words.next_word(), words.line), (Some(&b"f\\"[..]), 3));
+    assert_eq!(words.next_word(), None);
+    assert_eq!((words.next_word_any_line(), words.line), (Some(&b"g"[..]), 5));
+    assert_eq!(words.next_word_any_line(), None);
     assert!(!words.next_line());
 }
 
 #[test]
 fn numbers_may_be_scientific_or_not_finite() {
     for (word, expected) in [("-1.5E+3", -1500.0), (".5", 0.5), ("2.", 2.0), ("+inf", f64::INFINITY)] {
-        assert_eq!(number(word.as_bytes()).unwrap(), expected);
+        assert_eq!(parse_number(word.as_bytes()).unwrap(), expected);
     }
     for word in ["nan", "NaN", "-nan(ind)"] {
-        assert!(number(word.as_bytes()).unwrap().is_nan());
+        assert!(parse_number(word.as_bytes()).unwrap().is_nan());
     }
-    assert_eq!(number(b"1,5\xff\n").unwrap_err().to_string(), "`1,5\u{fffd}\\n` is not a number");
+    assert_eq!(parse_number(b"1,5\xff\n").unwrap_err().to_string(), "`1,5\u{fffd}\\n` is not a number");
 }
 
 fn parse_all(bytes: &[u8]) {
@@ -450,7 +450,7 @@ proptest! {
         parse_all(&bytes);
     }
 
-    /// Formats whose text is made of marks: damage that leaves the text readable goes deeper.
+    /// Formats whose text is mostly marks: damage that leaves the text readable goes deeper.
     #[test]
     fn damaged_text_never_panics(
         which in 0usize..6,

@@ -1,74 +1,78 @@
-//! Reads 3MF: the objects of the build, placed as it says, from XML in a ZIP file.
+//! Reads 3MF: the objects of the build where it places them, from XML in a ZIP file.
 //!
-//! Our own reader on `roxmltree` and the ZIP reader of `npz` files. Format: 3MF Consortium, Core Specification 1.3 (2021)
-//! and Production Extension 1.1, which puts objects into further files of the archive.
+//! Our own reader on `roxmltree` and the ZIP reader of `npz` files. Format: 3MF Consortium, Core Specification 1.3
+//! (2021) and Production Extension 1.1, which puts objects into further files of the archive.
 
 use std::collections::HashMap;
 
 use glam::{DAffine3, DMat3, DVec3};
 use roxmltree::{Document, Node};
 
-use super::raw::Raw;
-use super::xml::{self, DEEPEST, at, attribute, child, children, exactly, parsed, wrong};
-use super::{MeshFileError, MeshFileProblem, quoted};
-use crate::zip::Zip;
+use super::raw::RawMesh;
+use super::xml::{
+    self, MAX_ELEMENT_DEPTH, children_named, find_child, malformed_at, parse_attribute, parse_exactly, problem_at,
+    require_attribute,
+};
+use super::{MeshFileError, MeshFileProblem, quote_word};
+use crate::zip::ZipArchive;
 use gelsim_core::mesh::MeshError;
 
-/// Extensions that a file may require: places of objects, and how things look.
-const KNOWN: [&str; 4] = [
+/// Extensions that a file may require: those about places of objects and about appearance.
+const SUPPORTED_EXTENSIONS: [&str; 4] = [
     "http://schemas.microsoft.com/3dmanufacturing/production/",
     "http://schemas.microsoft.com/3dmanufacturing/material/",
     "http://schemas.microsoft.com/3dmanufacturing/securecontent/",
     "http://schemas.bambulab.com/",
 ];
 
-/// Where the model is if nothing says so.
-const USUAL: &str = "3D/3dmodel.model";
+/// The main model of an archive that does not name it.
+const DEFAULT_MODEL_PATH: &str = "3D/3dmodel.model";
 
-/// Vertices and triangles in the order of the build; each item of it is a part.
-pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
+/// Reads vertices and triangles in the order of the build. Each item of the build is a part.
+pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, MeshFileError> {
     let damaged = |reason: String| MeshFileError::from(MeshFileProblem::Malformed(reason));
-    let zip = Zip::open(bytes.to_vec()).map_err(damaged)?;
-    let main = main_model(&zip)?;
-    // Every model of the archive, so that what refers to another one finds it.
+    let zip = ZipArchive::open(bytes.to_vec()).map_err(damaged)?;
+    let main = find_main_model(&zip)?;
+    // Read every model of the archive, so that references to another model are found.
     let mut names: Vec<&str> = zip.names().filter(|name| name.ends_with(".model") && *name != main).collect();
     names.insert(0, &main);
     let mut texts = Vec::new();
     for name in names {
-        let text = zip.member(name, 1).unwrap_or_else(|| Err(format!("it has no {}", quoted(name.as_bytes()))));
-        texts.push((name, text.map_err(|reason| damaged(format!("{}: {reason}", quoted(name.as_bytes()))))?));
+        let text =
+            zip.unpack_member(name, 1).unwrap_or_else(|| Err(format!("it has no {}", quote_word(name.as_bytes()))));
+        texts.push((name, text.map_err(|reason| damaged(format!("{}: {reason}", quote_word(name.as_bytes()))))?));
     }
     let in_model = |name: &str, error: MeshFileError| match error.line {
-        // The line is one of a file in the file.
-        Some(line) => damaged(format!("{} line {line}: {}", quoted(name.as_bytes()), error.problem)),
+        // The line is that of a file inside the archive, so it goes into the message.
+        Some(line) => damaged(format!("{} line {line}: {}", quote_word(name.as_bytes()), error.problem)),
         None => error,
     };
     let documents = texts
         .iter()
         .map(|(name, text)| Ok((*name, xml::parse(text).map_err(|error| in_model(name, error))?)))
         .collect::<Result<Vec<_>, MeshFileError>>()?;
-    let mut build = Build { models: Vec::new(), raw: Raw::default(), bytes: bytes.len(), steps: 0 };
+    let mut build = MeshBuilder { models: Vec::new(), raw: RawMesh::default(), bytes: bytes.len(), steps: 0 };
     for (name, document) in &documents {
         build.models.push(Model::new(name, document).map_err(|error| in_model(name, error))?);
     }
     let root = documents[0].1.root_element();
-    build.items(root).map_err(|error| in_model(&main, error))?;
-    build.raw.mm_per_unit = Some(unit(root).map_err(|error| in_model(&main, error))?);
+    build.add_items(root).map_err(|error| in_model(&main, error))?;
+    build.raw.mm_per_unit = Some(read_mm_per_unit(root).map_err(|error| in_model(&main, error))?);
     Ok(build.raw)
 }
 
-/// The name of the model that the archive begins with.
-fn main_model(zip: &Zip) -> Result<String, MeshFileError> {
-    let Some(Ok(relations)) = zip.member("_rels/.rels", 1) else { return Ok(USUAL.into()) };
+/// Finds the name of the archive's main model.
+fn find_main_model(zip: &ZipArchive) -> Result<String, MeshFileError> {
+    let Some(Ok(relations)) = zip.unpack_member("_rels/.rels", 1) else { return Ok(DEFAULT_MODEL_PATH.into()) };
     let document = xml::parse(&relations)?;
     let mut relations = document.root_element().children().filter(Node::is_element);
     let model = relations.find(|node| node.attribute("Type").is_some_and(|kind| kind.ends_with("/3dmodel")));
     let target = model.and_then(|model| model.attribute("Target"));
-    Ok(target.map_or(USUAL, |target| target.trim_start_matches('/')).to_owned())
+    Ok(target.map_or(DEFAULT_MODEL_PATH, |target| target.trim_start_matches('/')).to_owned())
 }
 
-/// Millimetres of a coordinate of 1.
-fn unit(root: Node) -> Result<f64, MeshFileError> {
+/// Reads how many millimetres a coordinate of 1 is.
+fn read_mm_per_unit(root: Node) -> Result<f64, MeshFileError> {
     Ok(match root.attribute("unit").unwrap_or("millimeter") {
         "micron" => 0.001,
         "millimeter" => 1.0,
@@ -76,11 +80,11 @@ fn unit(root: Node) -> Result<f64, MeshFileError> {
         "inch" => 25.4,
         "foot" => 304.8,
         "meter" => 1000.0,
-        odd => return Err(wrong(root, format!("unit {} is none of 3MF", quoted(odd.as_bytes())))),
+        odd => return Err(malformed_at(root, format!("unit {} is none of 3MF", quote_word(odd.as_bytes())))),
     })
 }
 
-/// One file of objects.
+/// One model file of the archive with its objects.
 struct Model<'a> {
     name: &'a str,
     objects: HashMap<&'a str, Node<'a, 'a>>,
@@ -90,41 +94,42 @@ impl<'a> Model<'a> {
     fn new(name: &'a str, document: &'a Document) -> Result<Self, MeshFileError> {
         let root = document.root_element();
         if root.tag_name().name() != "model" {
-            return Err(wrong(root, format!("is no 3MF: begins with <{}>", root.tag_name().name())));
+            return Err(malformed_at(root, format!("is no 3MF: begins with <{}>", root.tag_name().name())));
         }
         for prefix in root.attribute("requiredextensions").unwrap_or_default().split_ascii_whitespace() {
             let space = root.lookup_namespace_uri(Some(prefix)).unwrap_or(prefix);
-            if !KNOWN.iter().any(|known| space.starts_with(known)) {
-                let what = format!("requires the extension {}, which is not read", quoted(space.as_bytes()));
-                return Err(at(root, MeshFileProblem::Unsupported(what)));
+            if !SUPPORTED_EXTENSIONS.iter().any(|known| space.starts_with(known)) {
+                let what = format!("requires the extension {}, which is not read", quote_word(space.as_bytes()));
+                return Err(problem_at(root, MeshFileProblem::Unsupported(what)));
             }
         }
-        let objects = child(root, "resources").into_iter().flat_map(|resources| children(resources, "object"));
+        let objects =
+            find_child(root, "resources").into_iter().flat_map(|resources| children_named(resources, "object"));
         Ok(Self { name, objects: objects.filter_map(|object| Some((object.attribute("id")?, object))).collect() })
     }
 }
 
-struct Build<'a> {
+struct MeshBuilder<'a> {
     models: Vec<Model<'a>>,
-    raw: Raw,
+    raw: RawMesh,
     bytes: usize,
     steps: usize,
 }
 
-impl<'a> Build<'a> {
-    fn items(&mut self, root: Node<'a, 'a>) -> Result<(), MeshFileError> {
-        for item in child(root, "build").into_iter().flat_map(|build| children(build, "item")) {
-            let (model, object) = self.object(0, item)?;
+impl<'a> MeshBuilder<'a> {
+    fn add_items(&mut self, root: Node<'a, 'a>) -> Result<(), MeshFileError> {
+        for item in find_child(root, "build").into_iter().flat_map(|build| children_named(build, "item")) {
+            let (model, object) = self.find_object(0, item)?;
             let name = object.attribute("name").or_else(|| object.attribute("id")).unwrap_or("object");
-            self.raw.parts.begin(name, self.raw.triangles.len());
-            self.add(model, object, place(item)?, 0)?;
+            self.raw.parts.begin_part(name, self.raw.triangles.len());
+            self.add_object(model, object, read_transform(item)?, 0)?;
         }
         Ok(())
     }
 
-    /// The object that an item or a component of a model refers to, and the model that it is in.
-    fn object(&self, model: usize, node: Node<'a, 'a>) -> Result<(usize, Node<'a, 'a>), MeshFileError> {
-        let id = attribute(node, "objectid")?;
+    /// Finds the object to which an item or a component refers, and the index of the model that it is in.
+    fn find_object(&self, model: usize, node: Node<'a, 'a>) -> Result<(usize, Node<'a, 'a>), MeshFileError> {
+        let id = require_attribute(node, "objectid")?;
         let path = node.attributes().find(|attribute| attribute.name() == "path" && attribute.namespace().is_some());
         let found = match path {
             None => Some(model),
@@ -132,37 +137,45 @@ impl<'a> Build<'a> {
         };
         found
             .and_then(|model| Some((model, *self.models[model].objects.get(id)?)))
-            .ok_or_else(|| wrong(node, format!("there is no object {}", quoted(id.as_bytes()))))
+            .ok_or_else(|| malformed_at(node, format!("there is no object {}", quote_word(id.as_bytes()))))
     }
 
-    fn add(&mut self, model: usize, object: Node<'a, 'a>, place: DAffine3, depth: usize) -> Result<(), MeshFileError> {
+    fn add_object(
+        &mut self,
+        model: usize,
+        object: Node<'a, 'a>,
+        place: DAffine3,
+        depth: usize,
+    ) -> Result<(), MeshFileError> {
         self.steps += 1;
-        if depth > DEEPEST.min(64) || self.steps > 1_000_000 {
-            return Err(wrong(object, "objects lie in each other too deep, or in a circle"));
+        // Components may refer to objects that contain them, or double their number with each level.
+        if depth > MAX_ELEMENT_DEPTH.min(64) || self.steps > 1_000_000 {
+            return Err(malformed_at(object, "objects lie in each other too deep, or in a circle"));
         }
-        if let Some(mesh) = child(object, "mesh") {
-            self.mesh(mesh, &place)?;
+        if let Some(mesh) = find_child(object, "mesh") {
+            self.add_mesh(mesh, &place)?;
         }
-        for component in child(object, "components").into_iter().flat_map(|list| children(list, "component")) {
-            let (model, object) = self.object(model, component)?;
-            self.add(model, object, place * self::place(component)?, depth + 1)?;
+        for component in find_child(object, "components").into_iter().flat_map(|list| children_named(list, "component"))
+        {
+            let (model, object) = self.find_object(model, component)?;
+            self.add_object(model, object, place * self::read_transform(component)?, depth + 1)?;
         }
         Ok(())
     }
 
-    fn mesh(&mut self, mesh: Node<'a, 'a>, place: &DAffine3) -> Result<(), MeshFileError> {
+    fn add_mesh(&mut self, mesh: Node<'a, 'a>, place: &DAffine3) -> Result<(), MeshFileError> {
         let mut points = Vec::new();
-        for vertex in child(mesh, "vertices").into_iter().flat_map(|list| children(list, "vertex")) {
-            points.push([parsed(vertex, "x")?, parsed(vertex, "y")?, parsed(vertex, "z")?]);
+        for vertex in find_child(mesh, "vertices").into_iter().flat_map(|list| children_named(list, "vertex")) {
+            points.push([parse_attribute(vertex, "x")?, parse_attribute(vertex, "y")?, parse_attribute(vertex, "z")?]);
         }
         let mut triangles = Vec::new();
-        for triangle in child(mesh, "triangles").into_iter().flat_map(|list| children(list, "triangle")) {
+        for triangle in find_child(mesh, "triangles").into_iter().flat_map(|list| children_named(list, "triangle")) {
             let mut corners = [0; 3];
             for (corner, key) in corners.iter_mut().zip(["v1", "v2", "v3"]) {
-                let index: i64 = parsed(triangle, key)?;
+                let index: i64 = parse_attribute(triangle, key)?;
                 let count = points.len();
                 *corner = u32::try_from(index).ok().filter(|index| (*index as usize) < count).ok_or_else(|| {
-                    at(triangle, MeshError::NoSuchVertex { index, count, note: " in this object" }.into())
+                    problem_at(triangle, MeshError::NoSuchVertex { index, count, note: " in this object" }.into())
                 })?;
             }
             triangles.push(corners);
@@ -173,10 +186,11 @@ impl<'a> Build<'a> {
     }
 }
 
-/// Where an item or a component is: four rows of x, y and z of what each axis and the origin become.
-fn place(node: Node) -> Result<DAffine3, MeshFileError> {
+/// Reads the place of an item or a component: four rows of x, y and z, which are the images of the three axes and of
+/// the origin.
+fn read_transform(node: Node) -> Result<DAffine3, MeshFileError> {
     let Some(text) = node.attribute("transform") else { return Ok(DAffine3::IDENTITY) };
-    let m: [f64; 12] = exactly(node, text)?;
+    let m: [f64; 12] = parse_exactly(node, text)?;
     let row = |k: usize| DVec3::new(m[3 * k], m[3 * k + 1], m[3 * k + 2]);
     Ok(DAffine3 { matrix3: DMat3::from_cols(row(0), row(1), row(2)), translation: row(3) })
 }
@@ -193,7 +207,7 @@ mod tests {
         text.replace(from, to)
     }
 
-    fn read_model(text: &str) -> Result<Raw, String> {
+    fn read_model(text: &str) -> Result<RawMesh, String> {
         read(&encode_stored(&[("3D/3dmodel.model", text.as_bytes())])).map_err(|error| error.to_string())
     }
 

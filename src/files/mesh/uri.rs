@@ -1,7 +1,7 @@
-//! What stands in the addresses of other files.
+//! Decodes the addresses by which files name other files.
 
-/// A URI's path with what stands for other characters replaced: `%20` is a blank.
-pub(super) fn decoded(uri: &str) -> String {
+/// Decodes the percent escapes of a URI's path: `%20` is a blank.
+pub(super) fn decode_uri(uri: &str) -> String {
     let mut bytes = Vec::with_capacity(uri.len());
     let mut rest = uri.as_bytes();
     while let [first, after @ ..] = rest {

@@ -1,19 +1,20 @@
-//! The words of text formats.
+//! Splits text formats into words and numbers.
 
 use super::MeshFileProblem;
 
-/// Takes text apart into words and counts its lines, in any encoding that contains ASCII.
+/// Splits text in any encoding that contains ASCII into words and counts its lines.
 ///
-/// A line ends with LF, CR LF or CR. Between words stand blanks, or `\` at the end of a line; `#` starts a comment.
+/// A line ends with LF, CR LF or CR. Words are separated by blanks, or by `\` at the end of a line; `#` starts a
+/// comment.
 #[derive(Clone, Copy)]
-pub(super) struct Words<'a> {
+pub(super) struct WordReader<'a> {
     pub(super) bytes: &'a [u8],
     pub(super) at: usize,
     /// The line of the next word, counted from 1.
     pub(super) line: usize,
 }
 
-/// Bytes that a word may end before: a backslash only at the end of a line.
+/// Bytes before which a word may end. A backslash ends a word only at the end of a line.
 const MAY_END: [bool; 256] = {
     let mut ends = [false; 256];
     let bytes = b" \t\x0b\x0c\n\r#\\";
@@ -25,13 +26,13 @@ const MAY_END: [bool; 256] = {
     ends
 };
 
-impl<'a> Words<'a> {
+impl<'a> WordReader<'a> {
     pub(super) fn new(bytes: &'a [u8]) -> Self {
-        Words { bytes: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), at: 0, line: 1 }
+        WordReader { bytes: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), at: 0, line: 1 }
     }
 
-    /// The next word of this line, or of the lines that continue it.
-    pub(super) fn word(&mut self) -> Option<&'a [u8]> {
+    /// Returns the next word of this line, or of the lines that continue it.
+    pub(super) fn next_word(&mut self) -> Option<&'a [u8]> {
         if !self.has_word() {
             return None;
         }
@@ -48,7 +49,7 @@ impl<'a> Words<'a> {
         Some(&rest[..end])
     }
 
-    /// Passes over blanks; whether a word follows in this line.
+    /// Skips blanks and returns true if a word follows in this line.
     pub(super) fn has_word(&mut self) -> bool {
         loop {
             match self.bytes.get(self.at) {
@@ -63,17 +64,17 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// The next word of this line or any further one.
-    pub(super) fn word_anywhere(&mut self) -> Option<&'a [u8]> {
+    /// Returns the next word of this line or any further one.
+    pub(super) fn next_word_any_line(&mut self) -> Option<&'a [u8]> {
         loop {
-            match self.word() {
+            match self.next_word() {
                 None if self.next_line() => {}
                 word => return word,
             }
         }
     }
 
-    /// Passes over the rest of this line; false if no further one follows.
+    /// Skips the rest of this line. Returns false if it was the last one.
     pub(super) fn next_line(&mut self) -> bool {
         let rest = &self.bytes[self.at..];
         let len = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
@@ -83,7 +84,7 @@ impl<'a> Words<'a> {
         self.at < self.bytes.len()
     }
 
-    /// Bytes of the line break at `at`: 0 if there is none.
+    /// Returns the number of bytes of the line break at `at`, or 0 if there is none.
     pub(super) fn break_len(&self, at: usize) -> usize {
         match (self.bytes.get(at), self.bytes.get(at + 1)) {
             (Some(b'\r'), Some(b'\n')) => 2,
@@ -93,9 +94,9 @@ impl<'a> Words<'a> {
     }
 }
 
-/// A number; also the `nan(ind)` of some C libraries.
-pub(super) fn number(word: &[u8]) -> Result<f64, MeshFileProblem> {
-    if let Some(number) = plain(word) {
+/// Parses a number, or the `nan(ind)` of some C libraries.
+pub(super) fn parse_number(word: &[u8]) -> Result<f64, MeshFileProblem> {
+    if let Some(number) = parse_plain_decimal(word) {
         return Ok(number);
     }
     let text = str::from_utf8(word).ok();
@@ -105,29 +106,30 @@ pub(super) fn number(word: &[u8]) -> Result<f64, MeshFileProblem> {
         None if text.is_some_and(has_decimal_comma) => {
             let help =
                 "numbers have a decimal point: export it again where the system's language writes one (LC_ALL=C)";
-            Err(MeshFileProblem::advised(format!("{} is not a number", quoted(word)), help))
+            Err(MeshFileProblem::with_help(format!("{} is not a number", quote_word(word)), help))
         }
-        None => Err(MeshFileProblem::Malformed(format!("{} is not a number", quoted(word)))),
+        None => Err(MeshFileProblem::Malformed(format!("{} is not a number", quote_word(word)))),
     }
 }
 
-/// True of a number with a comma where others have a point.
+/// Returns true for a number with a comma in place of the decimal point.
 fn has_decimal_comma(text: &str) -> bool {
     text.matches(',').count() == 1 && text.replace(',', ".").parse::<f64>().is_ok()
 }
 
-/// A number of digits and a point, as most are: the same as the general way gives, in a third of its time. `None` if it is
-/// anything else.
-fn plain(word: &[u8]) -> Option<f64> {
-    /// Digits whose number a float holds exactly, as it does their power of ten: one division then rounds once.
-    const MOST_DIGITS: usize = 15;
-    const TENS: [f64; MOST_DIGITS + 1] =
+/// Parses a number of digits and a point, as most are. The result is that of the general way, in a third of its time.
+/// Returns `None` for anything else.
+fn parse_plain_decimal(word: &[u8]) -> Option<f64> {
+    /// Most digits. A float holds a whole number of this many digits exactly, and its power of ten, too, so that one
+    /// division rounds once.
+    const MAX_DIGITS: usize = 15;
+    const TENS: [f64; MAX_DIGITS + 1] =
         [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
     let (sign, digits) = match word {
         [b'-', rest @ ..] => (-1.0, rest),
         _ => (1.0, word),
     };
-    if digits.len() < 2 || digits.len() > MOST_DIGITS + 1 {
+    if digits.len() < 2 || digits.len() > MAX_DIGITS + 1 {
         return None;
     }
     let (mut number, mut after_point) = (0_u64, None);
@@ -138,33 +140,33 @@ fn plain(word: &[u8]) -> Option<f64> {
             _ => return None,
         }
     }
-    // Sixteen digits without a point are one too many.
+    // A number without a point may have sixteen digits, one too many, and is left to the general way.
     let after_point = after_point?;
     Some(sign * (number as f64 / TENS[after_point]))
 }
 
-/// The next three numbers of the line.
-pub(super) fn coordinates(words: &mut Words) -> Result<[f64; 3], MeshFileProblem> {
+/// Reads the next three numbers of the line.
+pub(super) fn read_coordinates(words: &mut WordReader) -> Result<[f64; 3], MeshFileProblem> {
     let mut point = [0.0; 3];
     for (given, coordinate) in point.iter_mut().enumerate() {
         let word = words
-            .word()
+            .next_word()
             .ok_or_else(|| MeshFileProblem::Malformed(format!("a vertex has {given} coordinates instead of 3")))?;
-        *coordinate = number(word)?;
+        *coordinate = parse_number(word)?;
     }
     Ok(point)
 }
 
-/// The start of a word for an error message, on one line whatever its bytes are.
-pub(super) fn quoted(word: &[u8]) -> String {
+/// Quotes the start of a word for an error message, on one line whatever its bytes are.
+pub(super) fn quote_word(word: &[u8]) -> String {
     let text = String::from_utf8_lossy(&word[..word.len().min(40)]);
     format!("`{}`", text.escape_debug())
 }
 
-/// The name of a file for a message, whole unless it is longer than any is.
-pub(super) fn named(name: &str) -> String {
-    const LONGEST: usize = 300;
-    let shown: String = name.chars().take(LONGEST).collect();
+/// Quotes the name of a file for a message, in full unless it is longer than any real name.
+pub(super) fn quote_file_name(name: &str) -> String {
+    const MAX_CHARS: usize = 300;
+    let shown: String = name.chars().take(MAX_CHARS).collect();
     let more = if shown.len() < name.len() { ".." } else { "" };
     format!("`{}{more}`", shown.escape_debug())
 }
@@ -178,7 +180,7 @@ mod tests {
         /// The quick way and the general one give the same bits.
         #[test]
         fn plain_numbers_are_what_the_standard_library_reads(word in "-?[0-9]{0,9}\\.?[0-9]{0,9}") {
-            if let Some(number) = plain(word.as_bytes()) {
+            if let Some(number) = parse_plain_decimal(word.as_bytes()) {
                 prop_assert_eq!(number.to_bits(), word.parse::<f64>().unwrap().to_bits());
             }
         }
@@ -187,10 +189,10 @@ mod tests {
     #[test]
     fn numbers_with_a_point_are_plain_and_others_are_not() {
         for (word, expected) in [("1.", Some(1.0)), ("-.5", Some(-0.5)), ("12.345678", Some(12.345678))] {
-            assert_eq!(plain(word.as_bytes()), expected, "{word}");
+            assert_eq!(parse_plain_decimal(word.as_bytes()), expected, "{word}");
         }
         for word in ["", ".", "-.", "1", "1.2.3", "1e5", "+1.0", "nan", "1234567890.1234567", "1,0"] {
-            assert_eq!(plain(word.as_bytes()), None, "{word}");
+            assert_eq!(parse_plain_decimal(word.as_bytes()), None, "{word}");
         }
     }
 }

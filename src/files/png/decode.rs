@@ -1,18 +1,19 @@
-//! Decoding, of files that anybody may have made.
+//! Decodes PNG files that may come from anywhere.
 
 use std::io::Cursor;
 
 use image::codecs::png::PngDecoder;
 use image::{ColorType, DynamicImage, ImageDecoder};
 
-use crate::image_file::said;
-use crate::unpack;
+use crate::image_file::explain_image_error;
+use crate::size_limits;
 use gelsim_core::base::grid::Grid;
 
-/// Decodes a grey image of heights: 0 where it is black, 1 where it is white. Refused if it would unpack to far more than its bytes.
+/// Decodes a grey image of heights: 0 for black, 1 for white. It is refused if it would unpack to far more than its
+/// bytes.
 pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
-    let ([width, height], pixel) = header(bytes)?;
-    unpack::check([width, height], pixel.bytes_per_pixel() as usize + 4, bytes.len())?;
+    let ([width, height], pixel) = read_header(bytes)?;
+    size_limits::check_image_bytes([width, height], pixel.bytes_per_pixel() as usize + 4, bytes.len())?;
     let data = match decode(bytes)? {
         DynamicImage::ImageLuma8(grey) => grey.as_raw().iter().map(|value| f32::from(*value) / 255.0).collect(),
         DynamicImage::ImageLuma16(grey) => grey.as_raw().iter().map(|value| f32::from(*value) / 65535.0).collect(),
@@ -21,40 +22,40 @@ pub fn decode_heights(bytes: &[u8]) -> Result<Grid<f32>, String> {
     Ok(Grid { width, height, data })
 }
 
-/// Width, height and kind of pixel that an image says it has.
-pub fn header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
-    let decoder = decoder(bytes)?;
+/// Reads the width, height and kind of pixel from the header of an image.
+pub fn read_header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
+    let decoder = create_decoder(bytes)?;
     let (width, height) = decoder.dimensions();
     Ok(([width as usize, height as usize], decoder.color_type()))
 }
 
-/// Decodes an image as it is.
+/// Decodes an image with the pixels that it has.
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
-    DynamicImage::from_decoder(decoder(bytes)?).map_err(|error| said(&error, "PNG"))
+    DynamicImage::from_decoder(create_decoder(bytes)?).map_err(|error| explain_image_error(&error, "PNG"))
 }
 
-/// Larger than 8192 px on a side is refused before it is unpacked.
-fn decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
-    if !palettes(bytes).all(|length| length % 3 == 0 && length <= 3 * 256) {
-        // The decoder would panic.
+/// Makes a decoder. More than 8192 px on a side is refused before anything is unpacked.
+fn create_decoder(bytes: &[u8]) -> Result<PngDecoder<Cursor<&[u8]>>, String> {
+    if !palette_lengths(bytes).all(|length| length % 3 == 0 && length <= 3 * 256) {
+        // The decoder would panic on such a palette.
         return Err(String::from("its palette has no whole number of colours, 256 at most"));
     }
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(gelsim_core::base::view::MOST_PX as u32);
     limits.max_image_height = Some(gelsim_core::base::view::MOST_PX as u32);
-    // For what is beside the pixels, such as a compressed colour profile.
+    // This limit is for what stands beside the pixels, such as a compressed colour profile.
     limits.max_alloc = Some(1 << 24);
-    PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| said(&error, "PNG"))
+    PngDecoder::with_limits(Cursor::new(bytes), limits).map_err(|error| explain_image_error(&error, "PNG"))
 }
 
-/// Lengths of the palettes in a PNG file, bytes.
-fn palettes(bytes: &[u8]) -> impl Iterator<Item = u64> {
+/// Iterates over the lengths of the palettes in a PNG file, bytes.
+fn palette_lengths(bytes: &[u8]) -> impl Iterator<Item = u64> {
     let mut rest = bytes.get(8..).unwrap_or_default();
     let chunks = std::iter::from_fn(move || {
         let (length, after) = rest.split_first_chunk::<4>()?;
         let (kind, after) = after.split_first_chunk::<4>()?;
         let length = u64::from(u32::from_be_bytes(*length));
-        // Content and checksum.
+        // Skip the content and the checksum.
         rest = after.get(usize::try_from(length + 4).ok()?..).unwrap_or_default();
         Some((*kind, length))
     });
@@ -86,8 +87,8 @@ mod tests {
     fn a_palette_with_a_part_of_a_colour_is_refused_instead_of_bringing_the_decoder_down() {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fuzz/regressions/png/part_of_a_colour");
         let bytes = std::fs::read(path).expect("a file of the repository");
-        assert_eq!(palettes(&bytes).collect::<Vec<_>>(), [23]);
+        assert_eq!(palette_lengths(&bytes).collect::<Vec<_>>(), [23]);
         assert!(decode(&bytes).expect_err("refused").contains("palette"));
-        assert_eq!(palettes(b"").count() + palettes(&[255; 40]).count(), 0);
+        assert_eq!(palette_lengths(b"").count() + palette_lengths(&[255; 40]).count(), 0);
     }
 }

@@ -1,19 +1,19 @@
-//! PNG quickly: differences to the row above, in codes that fit the picture.
+//! Encodes PNG quickly: each row as its difference from the row above, in Huffman codes that fit the image.
 
 use std::cell::RefCell;
 
 use png::{BitDepth, ColorType};
 
-use crate::deflate::{Codes, Histogram, Runs, Zlib};
+use crate::deflate::{Histogram, HuffmanCodes, ZeroRuns, ZlibWriter};
 
-/// Of larger pictures, one in so many rows is counted for the codes.
-const COUNTED: usize = 4;
-/// Rows of a picture of which every one is counted.
-const FEW_ROWS: usize = 64;
-/// The number of the filter that takes the row above away.
-const UP: u8 = 2;
+/// In larger images, one row out of this many is counted for the codes.
+const COUNTED_ROW_STEP: usize = 4;
+/// Up to this many rows, every row is counted.
+const MAX_FULLY_COUNTED_ROWS: usize = 64;
+/// The number of PNG's filter that subtracts the row above.
+const UP_FILTER: u8 = 2;
 
-/// What a thread needs for a picture; made anew each time, clearing its pages would take as long as the picture.
+/// Buffers of a thread. They are kept, since clearing the pages of new ones would take as long as encoding an image.
 #[derive(Default)]
 struct Scratch {
     row: Vec<u8>,
@@ -24,43 +24,43 @@ thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
-/// Encodes row-major pixels, those of more than a byte with the high one first.
+/// Encodes row-major pixels. Samples of two bytes have the high byte first.
 pub fn encode([width, height]: [usize; 2], pixels: &[u8], color: ColorType, depth: BitDepth) -> Vec<u8> {
     let of_row = width * color.samples() * if depth == BitDepth::Sixteen { 2 } else { 1 };
     assert_eq!(pixels.len(), of_row * height, "{width}x{height} pixels");
     SCRATCH.with_borrow_mut(|scratch| {
         let Scratch { row, out } = scratch;
-        row.resize(of_row + 1, UP);
-        row[0] = UP;
-        let step = if height <= FEW_ROWS { 1 } else { COUNTED };
+        row.resize(of_row + 1, UP_FILTER);
+        row[0] = UP_FILTER;
+        let step = if height <= MAX_FULLY_COUNTED_ROWS { 1 } else { COUNTED_ROW_STEP };
         let mut histogram = Histogram::new();
         for y in (0..height).step_by(step) {
-            take_above_away(pixels, of_row, y, &mut row[1..]);
-            histogram.add(&Runs(row));
+            apply_up_filter(pixels, of_row, y, &mut row[1..]);
+            histogram.count_tokens(&ZeroRuns(row));
         }
 
         let head =
             [&(width as u32).to_be_bytes()[..], &(height as u32).to_be_bytes(), &[depth as u8, color as u8, 0, 0, 0]];
         let mut bytes = Vec::from(*b"\x89PNG\r\n\x1a\n");
-        chunk(&mut bytes, *b"IHDR", &head.concat());
-        let codes = Codes::estimated(&histogram);
-        let mut stream = Zlib::new(out);
-        stream.begin(&codes, true);
+        append_chunk(&mut bytes, *b"IHDR", &head.concat());
+        let codes = HuffmanCodes::from_estimate(&histogram);
+        let mut stream = ZlibWriter::new(out);
+        stream.begin_block(&codes, true);
         for y in 0..height {
-            take_above_away(pixels, of_row, y, &mut row[1..]);
-            stream.write(&codes, &Runs(row));
+            apply_up_filter(pixels, of_row, y, &mut row[1..]);
+            stream.write(&codes, &ZeroRuns(row));
         }
-        stream.end(&codes);
+        stream.end_block(&codes);
         stream.finish();
         bytes.reserve_exact(out.len() + 24);
-        chunk(&mut bytes, *b"IDAT", out);
-        chunk(&mut bytes, *b"IEND", &[]);
+        append_chunk(&mut bytes, *b"IDAT", out);
+        append_chunk(&mut bytes, *b"IEND", &[]);
         bytes
     })
 }
 
-/// The differences of the row `y` to the one above.
-fn take_above_away(pixels: &[u8], of_row: usize, y: usize, out: &mut [u8]) {
+/// Writes the differences of row `y` from the row above to `out`.
+fn apply_up_filter(pixels: &[u8], of_row: usize, y: usize, out: &mut [u8]) {
     let row = &pixels[y * of_row..][..of_row];
     match y.checked_sub(1) {
         None => out.copy_from_slice(row),
@@ -74,11 +74,12 @@ fn take_above_away(pixels: &[u8], of_row: usize, y: usize, out: &mut [u8]) {
 }
 
 /// Appends a chunk: length, kind, content, checksum.
-fn chunk(bytes: &mut Vec<u8>, kind: [u8; 4], content: &[u8]) {
+fn append_chunk(bytes: &mut Vec<u8>, kind: [u8; 4], content: &[u8]) {
     bytes.extend((content.len() as u32).to_be_bytes());
     let from = bytes.len();
     bytes.extend(kind);
     bytes.extend(content);
+    // The checksum covers the kind and the content.
     let sum = crc32fast::hash(&bytes[from..]);
     bytes.extend(sum.to_be_bytes());
 }

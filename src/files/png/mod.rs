@@ -1,4 +1,4 @@
-//! PNG files of a sample: 8-bit RGB and grey, 16-bit grey.
+//! Encodes the PNG files of a sample: 8-bit RGB, 8-bit grey and 16-bit grey. Reads PNG files, too.
 
 use png::{BitDepth, ColorType};
 #[cfg(feature = "formats")]
@@ -13,25 +13,25 @@ mod decode;
 mod encode;
 
 #[cfg(feature = "formats")]
-pub use decode::{decode, decode_heights, header};
+pub use decode::{decode, decode_heights, read_header};
 
-/// Encodes row-major RGB.
+/// Encodes row-major 8-bit RGB.
 pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
     encode([width, height], rgb, ColorType::Rgb, BitDepth::Eight)
 }
 
-/// Encodes row-major grey.
+/// Encodes row-major 8-bit grey.
 pub fn encode_grey(width: usize, height: usize, grey: &[u8]) -> Vec<u8> {
     encode([width, height], grey, ColorType::Grayscale, BitDepth::Eight)
 }
 
-/// Encodes row-major grey of 16 bits.
+/// Encodes row-major 16-bit grey.
 pub fn encode_grey16(width: usize, height: usize, grey: &[u16]) -> Vec<u8> {
     let bytes: Vec<u8> = grey.iter().flat_map(|value| value.to_be_bytes()).collect();
     encode([width, height], &bytes, ColorType::Grayscale, BitDepth::Sixteen)
 }
 
-/// Encodes a picture for people: slowly, and as small as it gets.
+/// Encodes an image for people to look at: slowly, and as small as possible.
 #[cfg(feature = "formats")]
 pub fn encode_small(picture: &image::RgbImage) -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -45,7 +45,7 @@ pub fn encode_small(picture: &image::RgbImage) -> Vec<u8> {
     bytes
 }
 
-/// Encodes an image of a simulator: the bytes that a dataset has.
+/// Encodes an image of a simulator with the same bytes as in a dataset.
 pub fn encode_image(image: &Image) -> Vec<u8> {
     encode_rgb(image.width, image.height, &image.rgb)
 }

@@ -5,18 +5,18 @@ use serde::{Deserialize, Serialize};
 use super::quantity::Quantity;
 use gelsim_core::camera::CameraParams;
 
-/// The `[camera]` table. What is left out is an ideal camera's.
+/// The `[camera]` table. A key that is left out has the value of an ideal camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 #[cfg_attr(feature = "formats", schemars(rename = "Settings"))]
 pub struct CameraDistribution {
-    /// Radial distortion k1: a pixel at distance r from the middle, in half diagonals, shows what an ideal lens would show
-    /// at r (1 + k1 r^2 + k2 r^4). Above 0 is barrel-shaped.
+    /// Radial distortion k1: a pixel at distance r from the middle, in half diagonals, shows what an ideal lens would
+    /// show at r (1 + k1 r^2 + k2 r^4). Above 0 is barrel-shaped.
     pub distortion_k1: Quantity,
     /// Radial distortion k2.
     pub distortion_k2: Quantity,
-    /// Share of the light that is lost in the image's corners, 0 to 1; elsewhere in proportion to r^2.
+    /// Fraction of the light that is lost in the image's corners, 0 to 1; elsewhere in proportion to r^2.
     pub vignette: Quantity,
     /// Standard deviation of the blur, mm on the pad, 0 to 1.
     pub defocus_mm: Quantity,
@@ -26,8 +26,8 @@ pub struct CameraDistribution {
     pub red_gain: Quantity,
     /// Factor on blue, 0.01 to 100.
     pub blue_gain: Quantity,
-    /// Standard deviation of the shot noise of a white pixel, grey levels of 255; of others in proportion to the root of
-    /// their brightness.
+    /// Standard deviation of the shot noise of a white pixel, grey levels of 255. For other pixels it is in proportion
+    /// to the root of their brightness.
     pub shot_noise_levels: Quantity,
     /// Standard deviation of the read noise, grey levels of 255.
     pub read_noise_levels: Quantity,
@@ -35,10 +35,11 @@ pub struct CameraDistribution {
     pub noise_color: [f64; 3],
     /// Correlation of the noise of neighbouring pixels, 0 to 0.7.
     pub noise_correlation: Quantity,
-    /// Standard deviation of the speckle that the skin shows where it is touched, grey levels of 255; another one in each
-    /// press.
+    /// Standard deviation of the speckle that the skin shows where it is touched, grey levels of 255. It is different
+    /// in each press.
     pub speckle_levels: Quantity,
-    /// Share of full scale from which a pixel is white, and below which it is black, 0 to 1; 0 leaves the image as it is.
+    /// Fraction of full scale from which a pixel is white, and below which it is black, 0 to 1; 0 leaves the image as
+    /// it is.
     pub threshold: f64,
 }
 
@@ -64,8 +65,9 @@ impl Default for CameraDistribution {
 }
 
 impl CameraDistribution {
-    /// The parameters of one sample.
-    pub fn sample(&self, noise_key: u64, draw: impl Fn(&str, &Quantity) -> f64) -> CameraParams {
+    /// Draws the camera parameters of one sample. `draw` gets the name of each quantity and returns its value;
+    /// `noise_key` selects the sample's noise.
+    pub fn sample_params(&self, noise_key: u64, draw: impl Fn(&str, &Quantity) -> f64) -> CameraParams {
         let exposure = draw("exposure", &self.exposure);
         let mut camera = CameraParams::default();
         camera.distortion = [draw("distortion k1", &self.distortion_k1), draw("distortion k2", &self.distortion_k2)];
@@ -83,10 +85,10 @@ impl CameraDistribution {
         camera
     }
 
-    /// The camera of the background image: what differs from sample to sample is ideal there.
-    pub fn resting(&self) -> CameraParams {
+    /// Returns the camera of the background image. Quantities that vary from sample to sample are ideal there.
+    pub fn background_params(&self) -> CameraParams {
         let ideal = |name: &str| if matches!(name, "exposure" | "red gain" | "blue gain") { 1.0 } else { 0.0 };
-        self.sample(0, |name, quantity| match quantity {
+        self.sample_params(0, |name, quantity| match quantity {
             Quantity::Constant(value) => *value,
             Quantity::Random(_) => ideal(name),
         })

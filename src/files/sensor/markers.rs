@@ -11,13 +11,13 @@ use gelsim_core::camera::markers::{MarkerPattern, MarkerPrint};
 #[serde(default, deny_unknown_fields)]
 #[cfg_attr(feature = "formats", schemars(rename = "Markers"))]
 pub struct MarkerDistribution {
-    /// Distance between neighbours, mm, along x and y.
+    /// Distance between neighbouring dots, mm, along x and y.
     pub pitch_mm: Quantity,
-    /// Diameter, mm; 0 is no markers.
+    /// Diameter of the dots, mm; 0 means no markers.
     pub diameter_mm: Quantity,
-    /// Largest offset of a dot from the grid along x and along y, mm; the same in every sample.
+    /// Largest offset of a dot from the grid along x and along y, mm. It is the same in every sample.
     pub jitter_mm: Quantity,
-    /// Red, green and blue share of the light that the ink lets through, 0 to 1.
+    /// Fraction of red, green and blue light that the ink lets through, 0 to 1.
     pub color: [f64; 3],
     /// Width of the dots' soft edge, mm.
     pub edge_mm: f64,
@@ -36,8 +36,8 @@ impl Default for MarkerDistribution {
 }
 
 impl MarkerDistribution {
-    /// The pattern of one sample. `None` without any dot.
-    pub fn sample(&self, draw: impl Fn(&str, &Quantity) -> f64) -> Option<MarkerPattern> {
+    /// Draws the pattern of one sample. Returns `None` if the dots have no size.
+    pub fn sample_pattern(&self, draw: impl Fn(&str, &Quantity) -> f64) -> Option<MarkerPattern> {
         let pattern = MarkerPattern {
             pitch_mm: draw("marker pitch", &self.pitch_mm),
             diameter_mm: draw("marker diameter", &self.diameter_mm),
@@ -46,15 +46,15 @@ impl MarkerDistribution {
         (pattern.diameter_mm > 0.0).then_some(pattern)
     }
 
-    /// The pattern of every sample, if they are all the same.
-    pub fn constant(&self) -> Option<MarkerPattern> {
+    /// Returns the pattern of all samples, or `None` if it varies or there are no dots.
+    pub fn constant_pattern(&self) -> Option<MarkerPattern> {
         let quantities = [&self.pitch_mm, &self.diameter_mm, &self.jitter_mm];
         let constant = quantities.iter().all(|quantity| matches!(quantity, Quantity::Constant(_)));
-        constant.then(|| self.sample(|_, quantity| quantity.support().0)).flatten()
+        constant.then(|| self.sample_pattern(|_, quantity| quantity.support().0)).flatten()
     }
 
-    /// The ink, which does not vary.
-    pub fn print(&self) -> MarkerPrint {
+    /// Returns the ink, which does not vary.
+    pub fn to_marker_print(&self) -> MarkerPrint {
         MarkerPrint { color: self.color, edge_mm: self.edge_mm }
     }
 }

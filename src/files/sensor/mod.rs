@@ -1,4 +1,4 @@
-//! Sensor files and `[sensor]` tables: camera window, gelpad, LEDs and the look of the untouched pad; the presets.
+//! Sensor files and `[sensor]` tables: camera window, gelpad, LEDs, the look of the untouched pad, and the presets.
 
 pub mod camera;
 pub mod markers;
@@ -20,9 +20,9 @@ use markers::MarkerDistribution;
 use pins::PinDistribution;
 use serde::{Deserialize, Serialize};
 use shape::SensorShape;
-use unit::Unit;
+use unit::UnitVariation;
 
-use gelsim_core::depth::rest::Grain;
+use gelsim_core::depth::rest_surface::Grain;
 use gelsim_core::optics::background::RenderedBackground;
 use gelsim_core::optics::lamps::Lamp;
 use gelsim_core::optics::led::Led;
@@ -30,7 +30,7 @@ use gelsim_core::optics::residual::LightResidual;
 
 macro_rules! presets {
     ($($name:literal),* $(,)?) => {
-        /// The presets that are inside the binary: name and text of the sensor file.
+        /// The presets in the binary: names and texts of their sensor files.
         pub const PRESETS: [(&str, &str); [$($name),*].len()] =
             [$(($name, include_str!(concat!("../presets/", $name, ".toml")))),*];
     };
@@ -70,17 +70,18 @@ pub struct Sensor {
     /// SHA-256 of the background file in lower-case hex; if given, another content is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub background_sha256: Option<String>,
-    /// The table that `gelsim calibrate` wrote, relative to the file this stands in: what the optics model `calibrated`
-    /// knows of this sensor.
+    /// The table that `gelsim calibrate` wrote, relative to the file this stands in. The optics model `calibrated`
+    /// needs it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration: Option<String>,
-    /// SHA-256 of that file in lower-case hex; if given, another content is refused.
+    /// SHA-256 of the calibration file in lower-case hex; if given, another content is refused.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub calibration_sha256: Option<String>,
     /// Shape of a gel that a camera inside sees through `lens`. Without it the gel is flat, or nearly (`rest_shape`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape: Option<SensorShape>,
-    /// Lens and place of the camera, with a `shape`. Without it the camera looks from straight below, without perspective.
+    /// Lens and place of the camera, for a sensor with a `shape`. Without it the camera looks from straight below,
+    /// without perspective.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<LensModel>,
     /// Pins inside a gel that has a `shape`.
@@ -98,31 +99,31 @@ pub struct Sensor {
     /// The camera. A job's `[camera]` table overrides single keys of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraDistribution>,
-    /// Share of the light lost where the pad is pressed down to the shell, 0 to 1. A job's `optics.phong.darkening`
-    /// overrides it.
+    /// Fraction of the light that is lost where the pad is pressed down to the shell, 0 to 1. A job's
+    /// `optics.phong.darkening` overrides it.
     pub darkening: f64,
-    /// Red, green and blue of the untouched pad that are not the LEDs' light, 0 to 1: what LEDs change is scaled by the rest
-    /// of the background image, pixel by pixel. Without it, by nothing.
+    /// Red, green and blue light of the untouched pad that does not come from the LEDs, 0 to 1. A change of LED light
+    /// is scaled, pixel by pixel, by the rest of the background image. Without this key it is not scaled.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stray_light: Option<[f64; 3]>,
     /// Light that the LEDs leave unexplained, as presses of a ball show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_residual: Option<Box<LightResidual>>,
-    /// How the untouched pad looks where there is no `background`. Not used where there are lamps, which show it.
+    /// Look of the untouched pad if there is no `background`. Not used with lamps, which show it.
     pub rendered_background: RenderedBackground,
     /// The LEDs.
     pub led: Vec<Led>,
-    /// Lamps whose light was measured one by one, none or six: what the optics model `lamps` knows of this sensor.
+    /// Lamps whose light was measured one by one, none or six. The optics model `lamps` needs them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub lamp: Vec<Lamp>,
     /// How much units of this kind of sensor differ, and how much of that is drawn.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub unit: Option<Unit>,
+    pub unit: Option<UnitVariation>,
 }
 
 impl Sensor {
-    /// Its gelpad.
-    pub fn material(&self) -> Material {
+    /// Returns the material of the gelpad.
+    pub fn gelpad_material(&self) -> Material {
         Material {
             thickness_mm: self.gelpad_thickness_mm,
             youngs_modulus_kpa: self.gelpad_youngs_modulus_kpa,
@@ -130,13 +131,17 @@ impl Sensor {
         }
     }
 
-    /// The same as the simulator knows it, less what is in files, with these markers and this camera.
-    pub fn to_simulated(&self, markers: Option<&MarkerDistribution>, camera: &CameraDistribution) -> sensor::Sensor {
+    /// Converts to the sensor of the simulator, with these markers and this camera. What is in files is left out.
+    pub fn to_simulator_sensor(
+        &self,
+        markers: Option<&MarkerDistribution>,
+        camera: &CameraDistribution,
+    ) -> sensor::Sensor {
         let resolution_px = self.resolution_px.map(|px| px as usize);
-        let mut sensor = sensor::Sensor::new(&self.name, resolution_px, self.field_of_view_mm, self.material());
-        sensor.shape = self.gel();
+        let mut sensor = sensor::Sensor::new(&self.name, resolution_px, self.field_of_view_mm, self.gelpad_material());
+        sensor.shape = self.gel_shape();
         sensor.lens = self.lens.unwrap_or_default();
-        sensor.pins = self.pins.as_ref().map(PinDistribution::pins);
+        sensor.pins = self.pins.as_ref().map(PinDistribution::to_pins);
         sensor.coating = self.grain;
         sensor.background = Background::Rendered(self.rendered_background.clone());
         sensor.leds = self.led.clone();
@@ -144,29 +149,30 @@ impl Sensor {
         sensor.darkening = self.darkening;
         sensor.stray_light = self.stray_light;
         sensor.light_residual = self.light_residual.as_deref().cloned().map(Arc::new);
-        sensor.markers = markers.map(|markers| Markers { print: markers.print(), pattern: markers.constant() });
-        sensor.camera = camera.resting();
+        sensor.markers =
+            markers.map(|markers| Markers { print: markers.to_marker_print(), pattern: markers.constant_pattern() });
+        sensor.camera = camera.background_params();
         sensor
     }
 
-    /// The shape of its gel; `None` of a flat one, and of a mesh that was not read.
-    pub fn gel(&self) -> Option<GelShape> {
-        self.shape.as_ref().and_then(SensorShape::gel)
+    /// Returns the shape of the gel, or `None` for a flat gel or for a mesh that was not read.
+    pub fn gel_shape(&self) -> Option<GelShape> {
+        self.shape.as_ref().and_then(SensorShape::to_gel_shape)
     }
 
-    /// What is known of its light.
+    /// Returns what is known of the sensor's light: calibrated, six lamps, or LEDs only.
     pub fn light_source(&self) -> LightSource {
         LightSource::new(self.calibration.is_some(), &self.lamp)
     }
 
-    /// Its light, beside the background image.
+    /// Returns the sensor's light, without the background image.
     pub fn illumination(&self) -> Illumination<'_> {
         Illumination {
             leds: &self.led,
             lamps: &self.lamp,
             field_of_view_mm: self.field_of_view_mm,
             thickness_mm: self.gelpad_thickness_mm,
-            photograph: self.background.is_some(),
+            is_photograph: self.background.is_some(),
             darkening: self.darkening,
             stray_light: self.stray_light,
             residual: self.light_residual.as_deref(),
@@ -254,32 +260,32 @@ pub struct HeightMap {
     pub sha256: Option<String>,
 }
 
-/// There is no preset of this name.
+/// The error for a name that no preset has.
 #[derive(Clone, PartialEq, Eq, thiserror::Error)]
 #[error("no sensor preset is called `{name}`; there are {}", PRESETS.map(|(name, _)| name).join(", "))]
 pub struct UnknownPreset {
-    /// The name.
+    /// The name that was asked for.
     pub name: String,
 }
 
-/// As it reads, since `main` and `expect` show errors so.
+/// Writes the message: `main` and `expect` show errors by `Debug`.
 impl std::fmt::Debug for UnknownPreset {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         std::fmt::Display::fmt(self, f)
     }
 }
 
-/// A sensor that gelsim knows, by a name of [`PRESETS`].
+/// Loads a preset by a name of [`PRESETS`].
 ///
 /// # Errors
 ///
-/// If no preset is called so; the message names them all.
-pub fn preset(name: &str) -> Result<sensor::Sensor, UnknownPreset> {
+/// If no preset has this name. The message lists all names.
+pub fn load_preset(name: &str) -> Result<sensor::Sensor, UnknownPreset> {
     let known = PRESETS.iter().find(|(known, _)| *known == name);
     let (_, text) = known.ok_or_else(|| UnknownPreset { name: name.to_owned() })?;
     let written: Sensor = toml::from_str(text).expect("presets are sensors and name no file: a test reads them all");
     let camera = written.camera.clone().unwrap_or_default();
-    Ok(written.to_simulated(written.markers.as_ref(), &camera))
+    Ok(written.to_simulator_sensor(written.markers.as_ref(), &camera))
 }
 
 #[cfg(test)]
@@ -300,10 +306,10 @@ mod tests {
         for (name, text) in PRESETS {
             let written: Sensor = toml::from_str(text).expect("a sensor");
             assert!(written.background.is_none() && written.calibration.is_none() && written.rest_shape.is_none());
-            let sensor = preset(name).expect("it is there");
+            let sensor = load_preset(name).expect("it is there");
             assert_eq!((sensor.name.as_str(), sensor.check()), (name, Ok(())));
         }
-        let error = preset("digits").expect_err("no such sensor");
+        let error = load_preset("digits").expect_err("no such sensor");
         assert!(error.to_string().contains("gelsight-mini, digit, gelsight-series2"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! `[sensor.pins]`: pins inside a gel that is not flat, and where they stand.
+//! `[sensor.pins]`: pins inside a gel that is not flat, and their positions.
 
 use std::sync::Arc;
 
@@ -12,41 +12,42 @@ use gelsim_core::camera::pins::{Along, MountRing, Pins};
 #[serde(deny_unknown_fields)]
 #[cfg_attr(feature = "formats", schemars(rename = "SensorPins"))]
 pub struct PinDistribution {
-    /// How they stand.
+    /// How the pins are arranged.
     #[serde(default)]
     pub layout: PinLayout,
     /// SHA-256 of the layout's file in lower-case hex; if given, another content is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub layout_sha256: Option<String>,
-    /// What that file holds, once it was read.
+    /// The positions in that file, once it was read, mm.
     #[serde(skip)]
     pub places_mm: Option<Arc<Vec<[f64; 2]>>>,
-    /// How many there are, 1 to 10000. Not beside a layout from a file.
+    /// Number of pins, 1 to 10000. Not with a layout from a file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub count: Option<u32>,
-    /// Distance from ring to ring, or from pin to pin, over the skin, mm. Not beside a layout from a file.
+    /// Distance from ring to ring, or from pin to pin, over the skin, mm. Not with a layout from a file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spacing_mm: Option<f64>,
-    /// From x towards y, degrees.
+    /// Rotation of the layout from x towards y, degrees.
     #[serde(default)]
     pub turn_deg: f64,
-    /// From the outer skin to a pin's tip, mm.
+    /// Distance from the outer skin to a pin's tip, mm.
     pub length_mm: f64,
     /// Diameter of the white tips, mm.
     pub diameter_mm: f64,
     /// Standard deviation of the smoothing by which the inner skin follows the outer one, mm.
     #[serde(default)]
     pub skin_smoothing_mm: f64,
-    /// The way in which points of the skin move under a press.
+    /// The direction in which points of the skin move under a press.
     #[serde(default)]
     pub along: Along,
-    /// Share of the gel's motion in its own plane that the skin, stiffer than the gel, takes part in, 0 to 1.
-    #[serde(default = "whole")]
+    /// Fraction of the gel's motion in its own plane that the skin, which is stiffer than the gel, takes part in, 0 to
+    /// 1.
+    #[serde(default = "default_in_plane")]
     pub in_plane: f64,
-    /// Standard deviation of the diameters from sample to sample, as a share.
+    /// Standard deviation of the diameters from sample to sample, as a fraction.
     #[serde(default)]
     pub size_jitter: f64,
-    /// Standard deviation of the tips' places from sample to sample, mm.
+    /// Standard deviation of the tips' positions from sample to sample, mm.
     #[serde(default)]
     pub place_jitter_mm: f64,
     /// The ring that holds the skin, if the camera sees it.
@@ -54,29 +55,30 @@ pub struct PinDistribution {
     pub mount: Option<MountRing>,
 }
 
-/// How pins stand.
+/// How pins are arranged.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "formats", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PinLayout {
-    /// One in the middle, and six more on each ring than on the one within it.
+    /// One in the middle, and on each ring six more than on the one inside it.
     #[default]
     Rings,
-    /// Each with six neighbours at the same distance.
+    /// Each pin has six neighbours at the same distance.
     Hexagonal,
-    /// As a CSV file says, relative to the file this stands in: columns x_mm and y_mm, mm from the tip over the gel.
+    /// Positions from a CSV file, relative to the file this stands in: columns x_mm and y_mm, mm from the tip over the
+    /// gel.
     File(String),
 }
 
-fn whole() -> f64 {
+fn default_in_plane() -> f64 {
     1.0
 }
 
 impl PinDistribution {
-    /// The same as the simulator knows them.
-    pub fn pins(&self) -> Pins {
+    /// Converts to the pins of the simulator.
+    pub fn to_pins(&self) -> Pins {
         Pins {
-            at_mm: self.places(),
+            at_mm: self.compute_positions(),
             length_mm: self.length_mm,
             diameter_mm: self.diameter_mm,
             skin_smoothing_mm: self.skin_smoothing_mm,
@@ -88,13 +90,14 @@ impl PinDistribution {
         }
     }
 
-    /// How far the outermost stands from the tip, mm.
+    /// Returns the distance of the outermost pin from the tip, mm.
     pub fn reach_mm(&self) -> f64 {
-        self.places().iter().map(|[x, y]| libm::hypot(*x, *y)).fold(0.0, f64::max)
+        self.compute_positions().iter().map(|[x, y]| libm::hypot(*x, *y)).fold(0.0, f64::max)
     }
 
-    /// Where they stand, mm over the skin from the tip, from the middle outwards.
-    fn places(&self) -> Vec<[f64; 2]> {
+    /// Computes the positions of the pins, mm over the skin from the tip. Rings and hexagons are in order from the
+    /// middle outwards.
+    fn compute_positions(&self) -> Vec<[f64; 2]> {
         let turn = self.turn_deg.to_radians();
         let at = |radius: f64, angle: f64| {
             let (sin, cos) = libm::sincos(angle + turn);
@@ -117,7 +120,8 @@ impl PinDistribution {
             PinLayout::Hexagonal => {
                 let reach = libm::ceil(libm::sqrt(count as f64)) as i64 + 1;
                 let steps = (-reach..=reach).flat_map(|a| (-reach..=reach).map(move |b| (a, b)));
-                // Distance from the middle in units of the spacing, squared; then by angle.
+                // Sort by the squared distance from the middle in units of the spacing, an exact whole number, then by
+                // angle.
                 let mut nodes: Vec<(i64, f64)> = steps
                     .map(|(a, b)| {
                         let (x, y) = (a as f64 + 0.5 * b as f64, b as f64 * libm::sqrt(0.75));
@@ -136,25 +140,26 @@ impl PinDistribution {
     }
 }
 
-/// The places in a table of pins, or the mistakes in it, each with its line and column.
+/// Reads the positions in a table of pins, mm. The errors name the line and the column.
 #[cfg(feature = "formats")]
-pub fn places(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
-    use crate::rows;
+pub fn parse_pin_table(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
+    use crate::csv_table;
 
-    /// Places of pins, mm.
-    const FARTHEST_MM: f64 = 1e4;
-    const MOST: usize = 10_000;
-    let source = match rows::source(std::path::Path::new(path), bytes) {
+    /// The greatest coordinate of a pin, mm.
+    const MAX_POSITION_MM: f64 = 1e4;
+    /// Most pins in a table.
+    const MAX_PINS: usize = 10_000;
+    let source = match csv_table::decode_source(std::path::Path::new(path), bytes) {
         Ok(source) => source,
         Err(_) => return Err(vec![format!("{path}: the table of pins is not UTF-8; save it as CSV in UTF-8")]),
     };
     let (mut mistakes, mut odd) = (Vec::new(), 0_usize);
     let mut wrong = |start: usize, line: u64, cell: usize, what: String| {
-        let place = rows::cell_place(&source.text, start, cell);
+        let place = csv_table::cell_place(&source.text, start, cell);
         let column = source.text[start.min(place.start)..place.start].chars().count() + 1;
         mistakes.push(format!("{path}:{line}:{column}: {what}"));
     };
-    let mut rows = rows::rows(&source.text);
+    let mut rows = csv_table::iter_rows(&source.text);
     let Some(header) = rows.next() else { return Err(vec![format!("{path}: the table of pins is empty")]) };
     let named = |name: &str| (0..header.cells.len()).find(|cell| header.cell(*cell) == name);
     let (Some(x), Some(y)) = (named("x_mm"), named("y_mm")) else {
@@ -165,15 +170,15 @@ pub fn places(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
     };
     let mut found = Vec::new();
     for row in rows {
-        if found.len() == MOST {
-            wrong(row.start, row.line, 0, format!("more than {MOST} pins: leave out this row and those below it"));
+        if found.len() == MAX_PINS {
+            wrong(row.start, row.line, 0, format!("more than {MAX_PINS} pins: leave out this row and those below it"));
             break;
         }
         let mut place = [0.0; 2];
         for (k, cell) in [x, y].into_iter().enumerate() {
             match row.cell(cell).parse::<f64>() {
-                Ok(mm) if mm.abs() <= FARTHEST_MM => place[k] = mm,
-                // The first tells what is wrong with the others.
+                Ok(mm) if mm.abs() <= MAX_POSITION_MM => place[k] = mm,
+                // Only the first wrong cell is described; the others are counted.
                 _ if odd > 0 => odd += 1,
                 _ => {
                     odd = 1;
@@ -221,7 +226,7 @@ mod tests {
     fn both_layouts_keep_pins_apart_and_fill_from_the_middle() {
         for (layout, closest_mm) in [(PinLayout::Rings, 1.99), (PinLayout::Hexagonal, 1.9999)] {
             for count in [1, 2, 7, 100, 331] {
-                let places = pins(layout.clone(), count).places();
+                let places = pins(layout.clone(), count).compute_positions();
                 assert_eq!((places.len(), places[0]), (count as usize, [0.0; 2]));
                 let apart = |a: &[f64; 2], b: &[f64; 2]| libm::hypot(a[0] - b[0], a[1] - b[1]);
                 let pairs = places.iter().enumerate().flat_map(|(k, a)| places[..k].iter().map(move |b| apart(a, b)));

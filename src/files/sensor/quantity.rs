@@ -1,19 +1,19 @@
-//! A number that may be random: constant, range, or one of four distributions.
+//! A number that may be random: a constant, a range, or one of four distributions.
 
 use std::fmt;
 
 use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 
-use gelsim_core::base::rng::Stream;
+use gelsim_core::base::rng::RandomStream;
 
 /// A number, or the distribution it is drawn from: `0.5`, `[0.2, 1.5]` (uniform), or a table with one of `uniform`,
 /// `log_uniform`, `normal`, `choice`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Quantity {
-    /// Always this value.
+    /// Always the same value.
     Constant(f64),
-    /// Any other distribution.
+    /// A distribution.
     Random(Distribution),
 }
 
@@ -50,7 +50,7 @@ pub struct Normal {
 }
 
 impl Normal {
-    /// Share of the uncut curve that lies between `min` and `max`.
+    /// Returns the fraction of the uncut curve that lies between `min` and `max`.
     pub fn kept_share(&self) -> f64 {
         let below = |x: f64| libm::erfc((self.mean - x) / (self.std * std::f64::consts::SQRT_2)) / 2.0;
         if self.std == 0.0 {
@@ -68,32 +68,34 @@ impl Default for Quantity {
 }
 
 impl Quantity {
-    /// A value from a stream, always within the support. There must be no [`Quantity::mistake`].
-    pub fn sample(&self, stream: &mut Stream) -> f64 {
+    /// Draws a value from a stream, always within the support. The quantity must be valid: see
+    /// [`Quantity::find_error`].
+    pub fn sample(&self, stream: &mut RandomStream) -> f64 {
         match self {
             Self::Constant(value) => *value,
-            Self::Random(Distribution::Uniform([min, max])) => (min + (max - min) * stream.unit()).clamp(*min, *max),
+            // The clamp undoes what rounding may add at the ends.
+            Self::Random(Distribution::Uniform([min, max])) => (min + (max - min) * stream.uniform()).clamp(*min, *max),
             Self::Random(Distribution::LogUniform([min, max])) => {
-                libm::exp(libm::log(*min) + (libm::log(*max) - libm::log(*min)) * stream.unit()).clamp(*min, *max)
+                libm::exp(libm::log(*min) + (libm::log(*max) - libm::log(*min)) * stream.uniform()).clamp(*min, *max)
             }
             Self::Random(Distribution::Normal(normal)) => {
                 let (min, max) = self.support();
-                // At least 1 % of the curve is kept (checked in the plan): a thousand misses in a row happen once in
-                // 20,000 samples at that limit and never at usual ones.
+                // At least 1 % of the curve is kept (checked in the plan). At that limit, a thousand misses in a row
+                // happen once in 20,000 samples, and never at usual limits.
                 for _ in 0..1000 {
-                    let value = normal.mean + normal.std * stream.normal();
+                    let value = normal.mean + normal.std * stream.standard_normal();
                     if (min..=max).contains(&value) {
                         return value;
                     }
                 }
                 normal.mean.clamp(min, max)
             }
-            Self::Random(Distribution::Choice(values)) => values[stream.below(values.len())],
+            Self::Random(Distribution::Choice(values)) => values[stream.uniform_below(values.len())],
         }
     }
 
-    /// The same times a factor above 0.
-    pub fn times(&self, factor: f64) -> Self {
+    /// Returns the quantity times a factor above 0.
+    pub fn scaled_by(&self, factor: f64) -> Self {
         let of = |value: &f64| factor * value;
         match self {
             Self::Constant(value) => Self::Constant(of(value)),
@@ -111,13 +113,13 @@ impl Quantity {
         }
     }
 
-    /// Uniform from `min` to `max`.
+    /// Makes a uniform distribution from `min` to `max`.
     pub const fn uniform(min: f64, max: f64) -> Self {
         Self::Random(Distribution::Uniform([min, max]))
     }
 
-    /// Smallest and largest value that can be drawn; infinite where a normal distribution is not cut.
-    /// An empty choice has no values: (+inf, -inf).
+    /// Returns the smallest and the largest value that can be drawn; infinite where a normal distribution is not cut.
+    /// An empty choice has no values and gives (+inf, -inf).
     pub fn support(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
@@ -132,14 +134,14 @@ impl Quantity {
         }
     }
 
-    /// True if more than one value can be drawn.
-    pub fn varies(&self) -> bool {
+    /// Returns true if more than one value can be drawn.
+    pub fn is_variable(&self) -> bool {
         let (min, max) = self.support();
         min != max
     }
 
-    /// A value in the middle of the support that stands for all; of a choice the first one.
-    pub fn typical(&self) -> f64 {
+    /// Returns a value in the middle of the support that stands for all; for a choice the first one.
+    pub fn typical_value(&self) -> f64 {
         let (min, max) = self.support();
         match self {
             _ if min == max => min,
@@ -151,8 +153,9 @@ impl Quantity {
         }
     }
 
-    /// What is wrong with the distribution in itself, whatever it is used for; and what would be right.
-    pub fn mistake(&self) -> Option<(String, String)> {
+    /// Finds what is wrong with the distribution in itself, whatever it is used for. Returns the message and what to
+    /// do, or `None` if it is valid.
+    pub fn find_error(&self) -> Option<(String, String)> {
         let (min, max) = self.support();
         let finite = match self {
             Self::Random(Distribution::Normal(normal)) => {
@@ -226,8 +229,8 @@ impl Serialize for Quantity {
 
 impl<'de> Deserialize<'de> for Quantity {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Written;
-        impl<'de> Visitor<'de> for Written {
+        struct QuantityVisitor;
+        impl<'de> Visitor<'de> for QuantityVisitor {
             type Value = Quantity;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -249,37 +252,40 @@ impl<'de> Deserialize<'de> for Quantity {
 
             fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Quantity, A::Error> {
                 const DISTRIBUTIONS: [&str; 4] = ["uniform", "log_uniform", "normal", "choice"];
-                let law: String = map.next_key()?.ok_or_else(|| {
+                let name: String = map.next_key()?.ok_or_else(|| {
                     de::Error::custom("empty table: one of `uniform`, `log_uniform`, `normal` or `choice` belongs here")
                 })?;
-                let distribution = match law.as_str() {
+                let distribution = match name.as_str() {
                     "uniform" => Distribution::Uniform(map.next_value()?),
                     "log_uniform" => Distribution::LogUniform(map.next_value()?),
                     "normal" => Distribution::Normal(map.next_value()?),
                     "choice" => Distribution::Choice(map.next_value()?),
                     _ => {
-                        let near = crate::spelling::nearest(&law, DISTRIBUTIONS);
+                        let near = crate::spelling::find_nearest_name(&name, DISTRIBUTIONS);
                         let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
                         return Err(de::Error::custom(format!(
-                            "unknown distribution `{law}`: one of {}{hint}",
-                            crate::spelling::one_of(&DISTRIBUTIONS)
+                            "unknown distribution `{name}`: one of {}{hint}",
+                            crate::spelling::join_alternatives(&DISTRIBUTIONS)
                         )));
                     }
                 };
                 match map.next_key::<String>()? {
                     None => Ok(Quantity::Random(distribution)),
-                    Some(second) => Err(de::Error::custom(format!("`{law}` and `{second}`: only one law at a time"))),
+                    Some(second) => {
+                        let problem = format!("`{name}` and `{second}`: only one distribution at a time");
+                        Err(de::Error::custom(problem))
+                    }
                 }
             }
         }
-        deserializer.deserialize_any(Written)
+        deserializer.deserialize_any(QuantityVisitor)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gelsim_core::base::rng::stream;
+    use gelsim_core::base::rng::random_stream;
 
     #[test]
     fn draws_have_the_moments_of_their_distribution() {
@@ -287,7 +293,7 @@ mod tests {
         let (mut sum, mut squares) = (0.0, 0.0);
         let count = 20_000;
         for index in 0..count {
-            let value = quantity.sample(&mut stream(1, "x", index));
+            let value = quantity.sample(&mut random_stream(1, "x", index));
             sum += value;
             squares += value * value;
         }
@@ -297,7 +303,7 @@ mod tests {
         assert!((std - 3.0).abs() < 0.1, "{std}");
 
         let log = Quantity::Random(Distribution::LogUniform([0.01, 100.0]));
-        let below_one = (0..count).filter(|&i| log.sample(&mut stream(1, "y", i)) < 1.0).count();
+        let below_one = (0..count).filter(|&i| log.sample(&mut random_stream(1, "y", i)) < 1.0).count();
         assert!((below_one as f64 / count as f64 - 0.5).abs() < 0.02);
     }
 }

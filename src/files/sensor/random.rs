@@ -1,4 +1,4 @@
-//! What of a sensor may be drawn at random: numbers by their paths, and the background.
+//! What may be drawn at random of a sensor: its numbers, by their paths, and its background.
 
 use serde::Serialize;
 
@@ -12,29 +12,29 @@ use gelsim_core::optics::led::Led;
 pub struct SensorDistribution {
     /// Numbers, by their dotted paths below `[sensor]`.
     pub numbers: Vec<(String, Quantity)>,
-    /// Background images, of which each sample has one; none where all have the same. As written files or patterns; in a
-    /// plan files.
+    /// Background images of which each sample gets one; empty if all samples have the same. In a job these are files or
+    /// glob patterns, in a plan files.
     pub backgrounds: Vec<String>,
-    /// SHA-256 of each, where they are given; in a plan they are.
+    /// SHA-256 of each background, if given; always given in a plan.
     pub background_sha256: Vec<String>,
 }
 
 impl SensorDistribution {
-    /// True if every sample has the same sensor.
+    /// Returns true if every sample has the same sensor.
     pub fn is_empty(&self) -> bool {
         self.numbers.is_empty() && self.backgrounds.is_empty() && self.background_sha256.is_empty()
     }
 
-    /// The distribution of the number at a dotted path from the top of a job.
-    pub fn of(&self, path: &str) -> Option<&Quantity> {
+    /// Returns the distribution of the number at a dotted path from the top of a job, if it is drawn.
+    pub fn distribution_at(&self, path: &str) -> Option<&Quantity> {
         let below = path.strip_prefix("sensor.")?;
         self.numbers.iter().find(|(known, _)| known == below).map(|(_, quantity)| quantity)
     }
 }
 
 impl Sensor {
-    /// The numbers that may differ from sample to sample, each with its dotted path below `[sensor]`. What decides the
-    /// geometry of the image or the shape of the pad is none of them.
+    /// Returns the numbers that may vary from sample to sample, each with its dotted path below `[sensor]`. Numbers
+    /// that decide the geometry of the image or the shape of the pad are left out.
     pub fn numbers_mut(&mut self) -> Vec<(String, &mut f64)> {
         let Self { gelpad_thickness_mm, gelpad_youngs_modulus_kpa, gelpad_poisson_ratio, darkening, .. } = self;
         let mut numbers = vec![
@@ -43,9 +43,9 @@ impl Sensor {
             (String::from("gelpad_poisson_ratio"), gelpad_poisson_ratio),
             (String::from("darkening"), darkening),
         ];
-        elements(&mut numbers, "stray_light", self.stray_light.iter_mut().flatten());
+        push_elements(&mut numbers, "stray_light", self.stray_light.iter_mut().flatten());
         let look = &mut self.rendered_background;
-        elements(&mut numbers, "rendered_background.color", &mut look.color);
+        push_elements(&mut numbers, "rendered_background.color", &mut look.color);
         for (key, number) in [
             ("glow", &mut look.glow),
             ("glow_reach_mm", &mut look.glow_reach_mm),
@@ -60,7 +60,7 @@ impl Sensor {
         if let Some(pattern) = look.pattern.as_deref_mut() {
             let Pattern { red, green, blue } = pattern;
             for (channel, coefficients) in [("red", red), ("green", green), ("blue", blue)] {
-                elements(&mut numbers, &format!("rendered_background.pattern.{channel}"), coefficients);
+                push_elements(&mut numbers, &format!("rendered_background.pattern.{channel}"), coefficients);
             }
         }
         for (i, led) in self.led.iter_mut().enumerate() {
@@ -73,13 +73,13 @@ impl Sensor {
             ] {
                 numbers.push((format!("led.{i}.{key}"), number));
             }
-            elements(&mut numbers, &format!("led.{i}.angular_size_deg"), angular_size_deg);
-            elements(&mut numbers, &format!("led.{i}.color"), color);
+            push_elements(&mut numbers, &format!("led.{i}.angular_size_deg"), angular_size_deg);
+            push_elements(&mut numbers, &format!("led.{i}.color"), color);
         }
         numbers
     }
 
-    /// A sensor with `leds` LEDs that has every number of [`Sensor::numbers_mut`].
+    /// Makes a sensor with `leds` LEDs that has every number of [`Sensor::numbers_mut`].
     pub fn with_every_number(leds: usize) -> Self {
         let pattern = Pattern { red: [0.0; 15], green: [0.0; 15], blue: [0.0; 15] };
         let mut sensor = Self { stray_light: Some([0.0; 3]), led: vec![Led::default(); leds], ..Self::default() };
@@ -88,8 +88,12 @@ impl Sensor {
     }
 }
 
-/// Adds the elements of a list.
-fn elements<'a>(numbers: &mut Vec<(String, &'a mut f64)>, path: &str, list: impl IntoIterator<Item = &'a mut f64>) {
+/// Adds the elements of a list, each with its index in the path.
+fn push_elements<'a>(
+    numbers: &mut Vec<(String, &'a mut f64)>,
+    path: &str,
+    list: impl IntoIterator<Item = &'a mut f64>,
+) {
     numbers.extend(list.into_iter().enumerate().map(|(k, number)| (format!("{path}.{k}"), number)));
 }
 
@@ -113,10 +117,10 @@ mod tests {
 
     #[test]
     fn what_differs_between_units_is_among_them() {
-        let unit = super::super::unit::Unit { variation: 1.0, ..Default::default() };
+        let unit = super::super::unit::UnitVariation { variation: 1.0, ..Default::default() };
         for stray_light in [None, Some([0.1; 3])] {
             let mut sensor = Sensor { unit: Some(unit.clone()), stray_light, ..Sensor::with_every_number(2) };
-            let spreads: Vec<_> = sensor.spreads().into_iter().flat_map(|group| group.numbers).collect();
+            let spreads: Vec<_> = sensor.spread_groups().into_iter().flat_map(|group| group.numbers).collect();
             let numbers: Vec<String> = sensor.numbers_mut().into_iter().map(|(path, _)| path).collect();
             assert!(spreads.iter().all(|spread| numbers.contains(&spread.path)), "{spreads:?}");
             assert_eq!(spreads.iter().any(|spread| spread.path == "led.0.intensity"), stray_light.is_none());

@@ -1,6 +1,6 @@
-//! Object stores, as far as a dataset needs one: whole objects below an address, put, read, listed and removed.
+//! Object stores, as far as a dataset needs one: complete objects below an address are put, read, listed and removed.
 //!
-//! What talks to a store is `objects.rs`, which the cargo feature `stores` brings; addresses are recognised without it.
+//! `remote.rs`, behind the cargo feature `stores`, talks to a store. Addresses are recognised without it.
 
 use std::fmt;
 use std::io;
@@ -8,9 +8,9 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 #[cfg(feature = "stores")]
-pub mod objects;
+pub mod remote;
 
-/// What addresses of stores begin with, and what the store is called.
+/// The schemes of store addresses, and the names of their stores.
 const SCHEMES: [(&str, &str); 4] = [
     ("s3", "S3"),
     ("gs", "Google Cloud Storage"),
@@ -18,19 +18,19 @@ const SCHEMES: [(&str, &str); 4] = [
     ("file", "a folder, taken for a store"),
 ];
 
-/// An address as a user writes it, taken apart: `s3://bucket/prefix`.
+/// The parts of an address such as `s3://bucket/prefix`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Address {
+pub struct StoreAddress {
     /// One of `s3`, `gs`, `az` and `file`.
     pub scheme: &'static str,
-    /// The bucket, or container; empty of `file`.
+    /// The bucket or container; empty for `file`.
     pub bucket: String,
-    /// What the names of all objects begin with, without slashes around it; of `file` the folder's path.
+    /// The prefix of the names of all objects, without slashes around it; for `file` the folder's path.
     pub prefix: String,
 }
 
-impl Address {
-    /// Takes an address apart; `None` of what is a path. The error says what addresses look like.
+impl StoreAddress {
+    /// Parses an address. Returns `None` for a path. The error says what addresses look like.
     pub fn parse(text: &str) -> Option<Result<Self, String>> {
         let (scheme, rest) = text.split_once("://")?;
         let is_scheme = |c: char| c.is_ascii_alphanumeric() || "+.-".contains(c);
@@ -43,7 +43,7 @@ impl Address {
         };
         if scheme == "file" {
             let absolute = rest.starts_with('/') && !rest.trim_matches('/').is_empty();
-            let wrong = "write a file:// address with three slashes and the whole path: file:///data/presses";
+            let wrong = "write a file:// address with three slashes and the full path: file:///data/presses";
             return Some(if absolute { Ok(Self::new(scheme, "", rest)) } else { Err(String::from(wrong)) });
         }
         let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
@@ -61,15 +61,16 @@ impl Address {
         Self { scheme, bucket: bucket.to_owned(), prefix: prefix.to_owned() }
     }
 
-    /// True if a path is an address, sound or not.
-    pub fn is_one(path: &Path) -> bool {
+    /// Returns true if a path has the form of an address, valid or not.
+    pub fn is_address(path: &Path) -> bool {
         path.to_str().and_then(Self::parse).is_some()
     }
 }
 
-/// Why a path cannot be what is meant as a place to write to: the address of a store with a slash too few, or what a shell would
-/// have replaced. Left alone, it would be a folder of that name.
-pub fn mistaken_output(path: &Path) -> Option<String> {
+/// Explains why a path cannot be meant as a place to write to: it is the address of a store with a slash too few, or
+/// has something that a shell should have replaced. Without this check, a folder of that name would be made. Returns
+/// `None` for any other path.
+pub fn explain_mistaken_output(path: &Path) -> Option<String> {
     let text = path.to_str()?;
     if text.is_empty() {
         return Some(String::from("it is empty: name a folder, or leave --out out"));
@@ -94,7 +95,7 @@ pub fn mistaken_output(path: &Path) -> Option<String> {
     None
 }
 
-impl fmt::Display for Address {
+impl fmt::Display for StoreAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { scheme, bucket, prefix } = self;
         let slash = if bucket.is_empty() || prefix.is_empty() { "" } else { "/" };
@@ -102,119 +103,123 @@ impl fmt::Display for Address {
     }
 }
 
-/// Why a store did not do what it was asked.
+/// Why a store failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
-    /// The store does not answer, after all tries.
+pub enum StoreFailure {
+    /// The store does not answer after all retries.
     Unreachable,
     /// There is no such bucket.
     NoBucket,
-    /// No keys, wrong ones, or such as may not do this.
+    /// The keys are missing or wrong, or do not allow this.
     Denied,
     /// The bucket is in another region.
-    Region,
-    /// The store takes no more.
+    WrongRegion,
+    /// The store has no more room.
     Full,
-    /// Who waited for it wants to end.
+    /// The caller raised `stop`.
     Stopped,
     /// Anything else.
     Other,
 }
 
-/// What a store said, in the words of an [`io::Error`] that holds this.
+/// An error of a store, held in an [`io::Error`].
 #[derive(Debug)]
 pub struct StoreError {
     /// What kind of failure it is.
-    pub cause: Cause,
-    /// What the store said.
-    pub said: String,
+    pub cause: StoreFailure,
+    /// The message of the store.
+    pub message: String,
     /// `s3`, `gs`, `az` or `file`.
     pub scheme: &'static str,
 }
 
 impl StoreError {
-    /// What to do about it: half a sentence; empty where nothing is known.
-    pub fn way_out(&self) -> &'static str {
+    /// Returns what to do: half a sentence, or an empty text if nothing is known.
+    pub fn help(&self) -> &'static str {
         match (self.cause, self.scheme) {
-            (Cause::Unreachable, "s3") => {
+            (StoreFailure::Unreachable, "s3") => {
                 "check the network and AWS_ENDPOINT_URL; without AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY keys are asked of \
                  the machine's own service, which only clouds have; "
             }
-            (Cause::Unreachable, _) => "check the network and the address; ",
-            (Cause::NoBucket, "az") => "make the container first, or name another one; ",
-            (Cause::NoBucket, _) => "make the bucket first, or name another one; ",
-            (Cause::Denied, "s3") => {
+            (StoreFailure::Unreachable, _) => "check the network and the address; ",
+            (StoreFailure::NoBucket, "az") => "make the container first, or name another one; ",
+            (StoreFailure::NoBucket, _) => "make the bucket first, or name another one; ",
+            (StoreFailure::Denied, "s3") => {
                 "check AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and AWS_SESSION_TOKEN, and that they may list, get, put and \
                  delete there (keys in ~/.aws are not read; `aws configure export-credentials --format env` prints them); "
             }
-            (Cause::Denied, "gs") => {
+            (StoreFailure::Denied, "gs") => {
                 "check GOOGLE_APPLICATION_CREDENTIALS, and that its account may list, get, create and delete there; "
             }
-            (Cause::Denied, "az") => {
+            (StoreFailure::Denied, "az") => {
                 "check AZURE_STORAGE_ACCOUNT_NAME and AZURE_STORAGE_ACCOUNT_KEY, and that they may list, read, write and delete there; "
             }
-            (Cause::Denied, _) => "make the folder writable, or name another one; ",
-            (Cause::Region, _) => "set AWS_REGION to the bucket's region; ",
-            (Cause::Full, _) => "make room there, or raise the quota; ",
-            (Cause::Stopped | Cause::Other, _) => "",
+            (StoreFailure::Denied, _) => "make the folder writable, or name another one; ",
+            (StoreFailure::WrongRegion, _) => "set AWS_REGION to the bucket's region; ",
+            (StoreFailure::Full, _) => "make room there, or raise the quota; ",
+            (StoreFailure::Stopped | StoreFailure::Other, _) => "",
         }
     }
 }
 
 impl fmt::Display for StoreError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.said)
+        f.write_str(&self.message)
     }
 }
 
 impl std::error::Error for StoreError {}
 
-/// What a store says in an error, if it is a store's.
-pub fn said(error: &io::Error) -> Option<&StoreError> {
+/// Returns the store's error inside an [`io::Error`], if there is one.
+pub fn find_store_error(error: &io::Error) -> Option<&StoreError> {
     error.get_ref()?.downcast_ref()
 }
 
-/// An object below the store's address: its name from there, and its bytes.
-pub type Entry = (String, u64);
+/// The name of an object, relative to the store's address, and its size in bytes.
+pub type StoreEntry = (String, u64);
 
-/// Objects below one address. Names are relative to it, with `/` between folders. Errors hold a [`StoreError`], unless
-/// a file on this machine could not be read.
+/// Access to the objects below one address. Names are relative to it, with `/` between folders. Errors hold a
+/// [`StoreError`], unless a file on this machine could not be read.
 pub trait Store: Sync {
-    /// The whole address of an object; of the empty name that of the store.
-    fn address(&self, name: &str) -> String;
+    /// Returns the full address of an object; for the empty name, that of the store.
+    fn full_address(&self, name: &str) -> String;
 
-    /// The objects right below the address, and the names of the folders there.
-    fn top(&self) -> io::Result<(Vec<Entry>, Vec<String>)>;
+    /// Lists the objects right below the address, and the names of the folders there.
+    fn list_top(&self) -> io::Result<(Vec<StoreEntry>, Vec<String>)>;
 
-    /// All objects in a folder, those in folders of it, too.
-    fn list(&self, folder: &str) -> io::Result<Vec<Entry>>;
+    /// Lists all objects in a folder and in its subfolders.
+    fn list(&self, folder: &str) -> io::Result<Vec<StoreEntry>>;
 
-    /// The bytes of an object; `None` if it is not there. One of more than `most` bytes is an error.
+    /// Reads an object. Returns `None` if it does not exist. It is an error if it has more than `most` bytes.
     fn get(&self, name: &str, most: u64) -> io::Result<Option<Vec<u8>>>;
 
-    /// Bytes and SHA-256 of an object; `None` if it is not there. Reads all of it, and holds a part at a time.
+    /// Returns the number of bytes and the SHA-256 of an object, or `None` if it does not exist. Reads all of it, but
+    /// holds only a part at a time.
     fn digest(&self, name: &str) -> io::Result<Option<(u64, String)>>;
 
-    /// Puts an object, in place of what is there: at every instant one of the two is there, whole.
+    /// Writes an object and replaces what is there. At every instant either the old or the new object is there,
+    /// complete.
     fn put(&self, name: &str, bytes: Vec<u8>) -> io::Result<()>;
 
-    /// Puts an object where none is: false if one was there, by whomever. Where a store cannot tell, it puts.
+    /// Writes an object if none has this name. Returns false if there is one, whoever wrote it. A store that cannot
+    /// tell replaces it.
     fn put_new(&self, name: &str, bytes: Vec<u8>) -> io::Result<bool>;
 
-    /// Puts a file as [`Self::put`] does; holds a part of it at a time.
+    /// Writes a file as [`Self::put`] does, but holds only a part of it in memory at a time.
     fn put_file(&self, name: &str, file: &Path) -> io::Result<()>;
 
-    /// Removes an object, if it is there.
+    /// Removes an object, if it exists.
     fn remove(&self, name: &str) -> io::Result<()>;
 }
 
-/// True if this program can talk to stores.
-pub const BUILT_IN: bool = cfg!(feature = "stores");
+/// Whether this program is built with access to stores.
+pub const HAS_STORES: bool = cfg!(feature = "stores");
 
-/// The store at an address, which nobody has talked to yet. Whatever waits for it ends soon after `stop` is raised.
-pub fn open<'a>(address: &Address, stop: &'a AtomicBool) -> io::Result<Box<dyn Store + 'a>> {
+/// Opens the store at an address, without contacting it yet. Any call that waits for it ends soon after `stop` is
+/// raised.
+pub fn open_store<'a>(address: &StoreAddress, stop: &'a AtomicBool) -> io::Result<Box<dyn Store + 'a>> {
     #[cfg(feature = "stores")]
-    return objects::Objects::open(address, stop).map(|store| Box::new(store) as _);
+    return remote::RemoteStore::open(address, stop).map(|store| Box::new(store) as _);
     #[cfg(not(feature = "stores"))]
     {
         let _ = stop;
@@ -229,7 +234,7 @@ mod tests {
     #[test]
     fn addresses_are_told_from_paths_and_taken_apart() {
         for path in ["out/presses", "/data", "s3:/bucket", "://x", "a b://c", "1s://x", "", "s3"] {
-            assert_eq!(Address::parse(path), None, "{path}");
+            assert_eq!(StoreAddress::parse(path), None, "{path}");
         }
         let sound = [
             ("s3://bucket/a/b/", "s3://bucket/a/b"),
@@ -239,14 +244,14 @@ mod tests {
             ("file:///data/presses", "file:///data/presses"),
         ];
         for (text, shown) in sound {
-            let address = Address::parse(text).expect("an address").expect("sound");
+            let address = StoreAddress::parse(text).expect("an address").expect("sound");
             assert_eq!(address.to_string(), shown);
-            assert_eq!(Address::parse(shown), Some(Ok(address)), "what is shown is an address");
+            assert_eq!(StoreAddress::parse(shown), Some(Ok(address)), "what is shown is an address");
         }
         for wrong in
             ["s3://", "s3:///p", "http://host/p", "file://data", "file:///", "s3://b/a//c", "s3://b/../c", "gs://b/."]
         {
-            assert!(matches!(Address::parse(wrong), Some(Err(_))), "{wrong}");
+            assert!(matches!(StoreAddress::parse(wrong), Some(Err(_))), "{wrong}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! `[dataset]`: how many samples, from which seed, in which shards and splits.
+//! `[dataset]`: the number of samples, their seed, shards and splits.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,13 +13,13 @@ pub struct Dataset {
     /// Number of samples, at least 1.
     #[schemars(required)]
     pub samples: Option<u64>,
-    /// All randomness comes from this number, 0 to 2^53 - 1.
+    /// Seed from which all randomness comes, 0 to 2^53 - 1.
     pub seed: u64,
     /// Samples in a full shard, 1 to 1,000,000.
     pub samples_per_shard: u64,
-    /// Share of the samples in each split; the shares sum to 1.
+    /// Fraction of the samples in each split; the fractions sum to 1.
     pub splits: Splits,
-    /// Whether single samples or whole objects are divided between the splits.
+    /// Whether samples or objects are divided between the splits.
     pub split_by: SplitBy,
     /// How a sample gets its object.
     pub object_order: ObjectOrder,
@@ -39,26 +39,26 @@ impl Default for Dataset {
     }
 }
 
-/// Shares of the splits.
+/// Fractions of the splits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Splits {
-    /// Share for training.
+    /// Fraction for training.
     pub train: f64,
-    /// Share for validation.
+    /// Fraction for validation.
     pub val: f64,
-    /// Share for testing.
+    /// Fraction for testing.
     pub test: f64,
 }
 
 impl Splits {
-    /// In the order of the splits.
+    /// Returns the fractions in the order of the splits.
     pub fn shares(&self) -> [f64; 3] {
         [self.train, self.val, self.test]
     }
 }
 
-/// What is kept whole when the dataset is split.
+/// What is kept together when the dataset is split.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SplitBy {
@@ -70,7 +70,7 @@ pub enum SplitBy {
 }
 
 impl SplitBy {
-    /// Its name in jobs.
+    /// Returns the name in a job.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sample => "sample",
@@ -83,10 +83,10 @@ impl SplitBy {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectOrder {
-    /// Drawn at random by weight, evenly: every class of a split is among as many consecutive samples of it as it has classes,
-    /// if all weigh the same.
+    /// Drawn at random by weight, but evenly: if all classes weigh the same, every class of a split occurs among as
+    /// many consecutive samples of the split as it has classes.
     #[default]
     Weighted,
-    /// One object after the other, in the order of the job, again and again; weights are not used.
+    /// One object after the other, in the order of the job, again and again. Weights are not used.
     InTurn,
 }

@@ -1,39 +1,39 @@
-//! TOML read into a tree in which every key and value remembers where it was written.
+//! Reads TOML into a tree in which every key and value remembers where it was written.
 //!
-//! A job is laid together from several texts: the job file, the sensor file it names, and what the command line
-//! overrides. Each text is a [`Source`]; each [`Node`] carries the [`Place`] it came from, so that a mistake found
-//! late (a range, a missing file) is still shown with its own file, line and column.
+//! A job is merged from several texts: the job file, the sensor file that it names, and the overrides of the command
+//! line. Each text is a [`SourceText`], and each [`TomlNode`] has the [`SourceSpan`] it came from, so that an error
+//! that is found late (a range, a missing file) is still shown with its file, line and column.
 
 use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
 
-use super::slips;
+use super::syntax_help;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::sensor::random::SensorDistribution;
-use gelsim_files::source::{Place, Source};
+use gelsim_files::source::{SourceSpan, SourceText};
 
-/// How the job.toml of a dataset begins; a version follows. It may be as large as its objects ask for.
-pub const RESOLVED: &str = "# The job of this dataset with every default written out, resolved by gelsim";
-/// Largest file that is read, bytes: the resolved job of some hundred thousand objects.
-pub const MOST_READ: u64 = 64 << 20;
-/// Largest text by a user, bytes.
-const MOST_BYTES: usize = 8 << 20;
+/// The beginning of the job.toml of a dataset; a version follows. Such a file may be as large as its objects need.
+pub const RESOLVED_HEADER: &str = "# The job of this dataset with every default written out, resolved by gelsim";
+/// Most bytes of a file that is read: the resolved job of some hundred thousand objects.
+pub const MAX_READ_BYTES: u64 = 64 << 20;
+/// Most bytes of a text by a user.
+const MAX_BYTES: usize = 8 << 20;
 /// Most memory that parsing a text may take, bytes: enough for fourteen thousand objects, each in a table of its own.
-const MOST_MEMORY: usize = 160 << 20;
+const MAX_MEMORY: usize = 160 << 20;
 
-/// A value and where it stands.
+/// A value and its place.
 #[derive(Clone, Debug)]
-pub struct Node {
+pub struct TomlNode {
     /// Where the value was written.
-    pub place: Place,
+    pub place: SourceSpan,
     /// The value.
-    pub value: Value,
+    pub value: TomlValue,
 }
 
 /// A TOML value, in the kinds that jobs use.
 #[derive(Clone, Debug)]
-pub enum Value {
+pub enum TomlValue {
     /// `true` or `false`.
     Bool(bool),
     /// A whole number.
@@ -42,91 +42,92 @@ pub enum Value {
     Float(f64),
     /// Text.
     String(String),
-    /// A date or time, which no key takes; kept so that it can be refused by name.
+    /// A date or time. No key takes one; it is kept so that it can be refused by name.
     Datetime,
     /// `[..]` or `[[..]]`.
-    Array(Vec<Node>),
+    Array(Vec<TomlNode>),
     /// `{..}` or `[..]` as a header.
-    Table(Vec<Entry>),
+    Table(Vec<TomlEntry>),
 }
 
-impl Value {
-    /// A list of values that all stand at one place.
-    pub fn list(place: Place, values: impl IntoIterator<Item = Self>) -> Self {
-        Self::Array(values.into_iter().map(|value| Node { place, value }).collect())
+impl TomlValue {
+    /// Makes a list of values that all have the same place.
+    pub fn list(place: SourceSpan, values: impl IntoIterator<Item = Self>) -> Self {
+        Self::Array(values.into_iter().map(|value| TomlNode { place, value }).collect())
     }
 }
 
 /// A key with its value.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct TomlEntry {
     /// The key's text.
     pub key: String,
     /// Where the key was written.
-    pub key_place: Place,
-    /// What it holds.
-    pub node: Node,
+    pub key_place: SourceSpan,
+    /// The value.
+    pub node: TomlNode,
 }
 
-/// All sources of a job and the tree that they make together.
+/// All sources of a job, and the tree into which they are merged.
 #[derive(Clone, Debug)]
 pub struct Document {
     /// Every text read so far.
-    pub sources: Vec<Source>,
-    /// The merged tree; always a table.
-    pub root: Node,
-    /// What in it is drawn at random of the sensor.
+    pub sources: Vec<SourceText>,
+    /// The merged tree, which is always a table.
+    pub root: TomlNode,
+    /// What is drawn at random of the sensor.
     pub random: SensorDistribution,
 }
 
 impl Document {
-    /// A document without any source: what is read when a job leaves everything to its defaults.
+    /// Makes a document without any source, as if a job left everything to its defaults.
     pub fn empty() -> Self {
-        let source = Source { name: String::from("job"), text: String::new(), folder: PathBuf::new() };
-        let place = Place { source: 0, start: 0, end: 0 };
+        let source = SourceText { name: String::from("job"), text: String::new(), folder: PathBuf::new() };
+        let place = SourceSpan { source: 0, start: 0, end: 0 };
         Self {
             sources: vec![source],
-            root: Node { place, value: Value::Table(Vec::new()) },
+            root: TomlNode { place, value: TomlValue::Table(Vec::new()) },
             random: SensorDistribution::default(),
         }
     }
 
-    /// A document whose only source is the value of a command-line flag, with nothing in its tree yet.
-    pub fn of_flag(flag: &str, value: &str) -> Self {
-        let source = Source { name: flag.to_owned(), text: value.to_owned(), folder: PathBuf::new() };
-        let place = Place { source: 0, start: 0, end: value.len() };
+    /// Makes a document whose only source is the value of a command-line flag. Its tree is empty.
+    pub fn from_flag(flag: &str, value: &str) -> Self {
+        let source = SourceText { name: flag.to_owned(), text: value.to_owned(), folder: PathBuf::new() };
+        let place = SourceSpan { source: 0, start: 0, end: value.len() };
         Self {
             sources: vec![source],
-            root: Node { place, value: Value::Table(Vec::new()) },
+            root: TomlNode { place, value: TomlValue::Table(Vec::new()) },
             random: SensorDistribution::default(),
         }
     }
 
-    /// Parses `text` as the first source. Syntax errors, all of them, go to `problems`.
+    /// Parses `text` as the first source. All syntax errors go to `problems`.
     pub fn parse(name: &str, text: String, folder: &Path, problems: &mut Diagnostics) -> Self {
         let mut document = Self { sources: Vec::new(), ..Self::empty() };
         document.root = document.add_source(name, text, folder, problems);
         document
     }
 
-    /// Parses one more text and returns its tree, which is not merged yet.
-    pub fn add_source(&mut self, name: &str, text: String, folder: &Path, problems: &mut Diagnostics) -> Node {
+    /// Parses another text and returns its tree, which is not merged yet. All syntax errors go to `problems`.
+    pub fn add_source(&mut self, name: &str, text: String, folder: &Path, problems: &mut Diagnostics) -> TomlNode {
         let source = self.sources.len();
-        if let Some(reason) = oversize(&text) {
+        if let Some(reason) = explain_oversize(&text) {
             problems.push(Diagnostic::new(format!("{name}: {reason}")));
-            self.sources.push(Source { name: name.to_owned(), text: String::new(), folder: folder.to_owned() });
+            self.sources.push(SourceText { name: name.to_owned(), text: String::new(), folder: folder.to_owned() });
             return Self::empty().root;
         }
         let (table, errors) = DeTable::parse_recoverable(&text);
-        let whole = Place { source, start: 0, end: text.len() };
-        if let (Some(error), Some((format, help))) = (errors.first(), slips::other_format(&text)) {
+        let full_span = SourceSpan { source, start: 0, end: text.len() };
+        if let (Some(error), Some((format, help))) = (errors.first(), syntax_help::detect_other_format(&text)) {
             let start = error.span().map_or(0, |span| span.start);
             let problem = Diagnostic::new(format!("not valid TOML: it looks like {format}"));
-            problems.push(problem.at(Place { source, start, end: start }).help(help));
-            self.sources.push(Source { name: name.to_owned(), text, folder: folder.to_owned() });
+            problems.push(problem.at(SourceSpan { source, start, end: start }).help(help));
+            self.sources.push(SourceText { name: name.to_owned(), text, folder: folder.to_owned() });
             return Self::empty().root;
         }
-        // After a slip in a table's header its keys count to the table before: not the user's doubles.
+        // After a slip in a table's header, its keys count to the table before. Such duplicate keys are not the user's
+        // error, so they are reported only if there is nothing else.
         let doubles = errors.iter().all(is_duplicate);
         let mut lines = None;
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
@@ -134,31 +135,31 @@ impl Document {
                 break;
             }
             let span = error.span().unwrap_or(0..text.len());
-            let place = Place { source, start: span.start, end: span.end };
-            // Of one line one mistake is enough: what follows from it is none.
+            let place = SourceSpan { source, start: span.start, end: span.end };
+            // One error per line is enough: the others on the line follow from it.
             let before = &text.as_bytes()[..span.start.min(text.len())];
             let line = before.iter().filter(|byte| **byte == b'\n').count();
             if !is_duplicate(&error) && lines.replace(line) == Some(line) {
                 continue;
             }
             let problem = Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place);
-            let first = slips::first_of_double(&text, span.start).filter(|_| is_duplicate(&error));
+            let first = syntax_help::find_first_duplicate(&text, span.start).filter(|_| is_duplicate(&error));
             let help = match first {
                 Some(line) => Some(format!("it stands in line {line} already: keep one")),
-                None => slips::help(&text, span.start),
+                None => syntax_help::suggest_fix(&text, span.start),
             };
             problems.push(match help {
                 Some(help) => problem.help(help),
                 None => problem,
             });
         }
-        let root = Node { place: whole, value: table_value(table.get_ref(), source) };
-        self.sources.push(Source { name: name.to_owned(), text, folder: folder.to_owned() });
+        let root = TomlNode { place: full_span, value: table_value(table.get_ref(), source) };
+        self.sources.push(SourceText { name: name.to_owned(), text, folder: folder.to_owned() });
         root
     }
 
-    /// The node at a dotted path such as `object.0.path`, if it was written.
-    pub fn get(&self, path: &str) -> Option<&Node> {
+    /// Returns the node at a dotted path such as `object.0.path`, if it was written.
+    pub fn get(&self, path: &str) -> Option<&TomlNode> {
         let mut node = &self.root;
         for segment in path.split('.') {
             node = node.child(segment)?;
@@ -166,16 +167,16 @@ impl Document {
         Some(node)
     }
 
-    /// Where `path` stands; for a path that nobody wrote, the closest table around it that somebody did.
+    /// Returns the place of `path`; for a path that was not written, that of the closest table around it. Returns
     /// `None` if not even that exists.
-    pub fn place(&self, path: &str) -> Option<Place> {
+    pub fn place_of(&self, path: &str) -> Option<SourceSpan> {
         let mut place = None;
         let mut node = &self.root;
         for segment in path.split('.') {
-            if let Value::Table(entries) = &node.value
+            if let TomlValue::Table(entries) = &node.value
                 && let Some(entry) = entries.iter().find(|entry| entry.key == segment)
             {
-                let header = matches!(entry.node.value, Value::Table(_)) && entry.key_place != entry.node.place;
+                let header = matches!(entry.node.value, TomlValue::Table(_)) && entry.key_place != entry.node.place;
                 place = Some(if header { entry.key_place } else { entry.node.place });
                 node = &entry.node;
             } else if let Some(child) = node.child(segment) {
@@ -188,21 +189,22 @@ impl Document {
         place
     }
 
-    /// The folder that a relative path written at `path` starts from; the first source's where nobody wrote it.
-    pub fn folder(&self, path: &str) -> &Path {
+    /// Returns the folder that a relative path at `path` starts from; if the path was not written, that of the first
+    /// source.
+    pub fn folder_of(&self, path: &str) -> &Path {
         let source = self.get(path).map_or(0, |node| node.place.source);
         &self.sources[source].folder
     }
 
-    /// Sets the value at a dotted path, as `--set` does: tables on the way are made where they are missing, a number
-    /// picks an element of an array. On failure, what stands in the way.
-    pub fn set(&mut self, path: &[String], key_place: Place, node: Node) -> Result<(), String> {
+    /// Sets the value at a dotted path, as `--set` does. Missing tables on the way are made, and a number selects an
+    /// element of an array. The error says what is in the way.
+    pub fn set(&mut self, path: &[String], key_place: SourceSpan, node: TomlNode) -> Result<(), String> {
         let mut at = &mut self.root;
         let (last, way) = path.split_last().ok_or("an empty key")?;
         for (depth, segment) in way.iter().enumerate() {
             let here = path[..=depth].join(".");
             at = match &mut at.value {
-                Value::Array(items) => {
+                TomlValue::Array(items) => {
                     let count = items.len();
                     segment
                         .parse::<usize>()
@@ -211,13 +213,13 @@ impl Document {
                         .ok_or(format!("`{here}`: no such element; the list has {count}, counted from 0"))?
                 }
                 value => {
-                    if !matches!(value, Value::Table(_)) {
-                        *value = Value::Table(Vec::new());
+                    if !matches!(value, TomlValue::Table(_)) {
+                        *value = TomlValue::Table(Vec::new());
                     }
-                    let Value::Table(entries) = value else { unreachable!("made a table just above") };
-                    let empty = || Node { place: key_place, value: Value::Table(Vec::new()) };
+                    let TomlValue::Table(entries) = value else { unreachable!("made a table just above") };
+                    let empty = || TomlNode { place: key_place, value: TomlValue::Table(Vec::new()) };
                     let index = entries.iter().position(|entry| &entry.key == segment).unwrap_or_else(|| {
-                        entries.push(Entry { key: segment.clone(), key_place, node: empty() });
+                        entries.push(TomlEntry { key: segment.clone(), key_place, node: empty() });
                         entries.len() - 1
                     });
                     &mut entries[index].node
@@ -225,63 +227,65 @@ impl Document {
             };
         }
         match &mut at.value {
-            Value::Array(items) => {
+            TomlValue::Array(items) => {
                 let count = items.len();
                 let item = last.parse::<usize>().ok().and_then(|index| items.get_mut(index));
                 *item
                     .ok_or(format!("`{}`: no such element; the list has {count}, counted from 0", path.join(".")))? =
                     node;
             }
-            Value::Table(entries) => put(entries, Entry { key: last.clone(), key_place, node }),
-            value => *value = Value::Table(vec![Entry { key: last.clone(), key_place, node }]),
+            TomlValue::Table(entries) => put_entry(entries, TomlEntry { key: last.clone(), key_place, node }),
+            value => *value = TomlValue::Table(vec![TomlEntry { key: last.clone(), key_place, node }]),
         }
         Ok(())
     }
 
-    /// Lays the table `name` in the top-level table `from` under the top-level table of the same name, and removes it.
-    pub fn move_up(&mut self, from: &str, name: &str) {
-        let Value::Table(root) = &mut self.root.value else { return };
-        let Some(Entry { node: Node { value: Value::Table(inner), .. }, .. }) =
+    /// Merges the table `name` in the top-level table `from` under the top-level table of the same name, and removes it
+    /// from `from`.
+    pub fn move_table_up(&mut self, from: &str, name: &str) {
+        let TomlValue::Table(root) = &mut self.root.value else { return };
+        let Some(TomlEntry { node: TomlNode { value: TomlValue::Table(inner), .. }, .. }) =
             root.iter_mut().find(|entry| entry.key == from)
         else {
             return;
         };
         if let Some(at) = inner.iter().position(|entry| entry.key == name) {
             let entry = inner.remove(at);
-            lay_under(root, entry);
+            merge_entry_below(root, entry);
         }
     }
 
-    /// Takes the top-level key `name` away, if it is there.
+    /// Removes the top-level key `name`, if it exists.
     pub fn remove(&mut self, name: &str) {
-        if let Value::Table(root) = &mut self.root.value {
+        if let TomlValue::Table(root) = &mut self.root.value {
             root.retain(|entry| entry.key != name);
         }
     }
 
-    /// Lays the keys of `below` under the table at the top-level key `name`: a key that the table has already wins,
-    /// and tables in it are laid over each other in the same way.
-    pub fn underlay(&mut self, name: &str, below: Node) {
-        let Value::Table(root) = &mut self.root.value else { return };
-        lay_under(root, Entry { key: name.to_owned(), key_place: below.place, node: below });
+    /// Merges the keys of `below` under the table at the top-level key `name`. Keys that the table already has win, and
+    /// tables in it are merged in the same way.
+    pub fn merge_table_below(&mut self, name: &str, below: TomlNode) {
+        let TomlValue::Table(root) = &mut self.root.value else { return };
+        merge_entry_below(root, TomlEntry { key: name.to_owned(), key_place: below.place, node: below });
     }
 }
 
-/// Why a text is not worth parsing: it would take far more memory and time than any job or sensor.
-fn oversize(text: &str) -> Option<String> {
-    if text.starts_with(RESOLVED) {
+/// Explains why a text is too large to be parsed: it would take far more memory and time than any job or sensor.
+/// Returns `None` if it is not.
+fn explain_oversize(text: &str) -> Option<String> {
+    if text.starts_with(RESOLVED_HEADER) {
         return None;
     }
-    if text.len() > MOST_BYTES {
-        return Some(format!("larger than {} MB", MOST_BYTES >> 20));
+    if text.len() > MAX_BYTES {
+        return Some(format!("larger than {} MB", MAX_BYTES >> 20));
     }
-    let needed: usize = text.bytes().map(parsing).sum();
-    (needed > MOST_MEMORY).then(|| String::from("too many keys and values for a job or a sensor"))
+    let needed: usize = text.bytes().map(parse_cost_bytes).sum();
+    (needed > MAX_MEMORY).then(|| String::from("too many keys and values for a job or a sensor"))
 }
 
-/// Memory that a byte takes at most while it is parsed, as measured on texts made of nothing but keys, values, tables,
-/// empty lists, mistakes, blanks or brackets; most texts take half of it.
-fn parsing(byte: u8) -> usize {
+/// Returns the most memory that a byte may take while it is parsed. Measured on texts made of nothing but keys, values,
+/// tables, empty lists, errors, blanks or brackets; most texts take half of it.
+fn parse_cost_bytes(byte: u8) -> usize {
     match byte {
         b'[' | b'{' | b',' | b'.' | b'=' | b'\n' | b'\r' => 400,
         b'_' | b'-' | b'/' | b'0'..=b'9' | b'A'..=b'Z' | b'a'..=b'z' | 0x80.. => 8,
@@ -289,18 +293,18 @@ fn parsing(byte: u8) -> usize {
     }
 }
 
-/// Tables that name one choice of several: another choice takes the place of all of it.
-const CHOICES: [&str; 3] = ["shape", "lens", "rest_shape"];
+/// Tables that hold one choice of several. If the table above makes another choice, nothing of the one below is kept.
+const CHOICE_TABLES: [&str; 3] = ["shape", "lens", "rest_shape"];
 
-fn lay_under(above: &mut Vec<Entry>, below: Entry) {
+fn merge_entry_below(above: &mut Vec<TomlEntry>, below: TomlEntry) {
     match above.iter_mut().find(|known| known.key == below.key) {
-        Some(Entry { node: Node { value: Value::Table(above), .. }, .. }) => {
-            if let Value::Table(entries) = below.node.value {
+        Some(TomlEntry { node: TomlNode { value: TomlValue::Table(above), .. }, .. }) => {
+            if let TomlValue::Table(entries) = below.node.value {
                 let chosen: Vec<String> = above.iter().map(|entry| entry.key.clone()).collect();
-                let another = |entry: &Entry| !chosen.is_empty() && !chosen.contains(&entry.key);
-                let choice = CHOICES.contains(&below.key.as_str());
+                let another = |entry: &TomlEntry| !chosen.is_empty() && !chosen.contains(&entry.key);
+                let choice = CHOICE_TABLES.contains(&below.key.as_str());
                 let kept = entries.into_iter().filter(|entry| !(choice && another(entry)));
-                kept.for_each(|entry| lay_under(above, entry));
+                kept.for_each(|entry| merge_entry_below(above, entry));
             }
         }
         Some(_) => {} // the value above wins; if it should be a table, reading it reports that
@@ -312,86 +316,88 @@ fn is_duplicate(error: &toml::de::Error) -> bool {
     error.message() == "duplicate key"
 }
 
-fn put(entries: &mut Vec<Entry>, entry: Entry) {
+fn put_entry(entries: &mut Vec<TomlEntry>, entry: TomlEntry) {
     match entries.iter_mut().find(|known| known.key == entry.key) {
         Some(known) => *known = entry,
         None => entries.push(entry),
     }
 }
 
-impl Node {
-    /// The child under a key, or at an index.
-    pub fn child(&self, segment: &str) -> Option<&Node> {
+impl TomlNode {
+    /// Returns the child under a key, or at an index.
+    pub fn child(&self, segment: &str) -> Option<&TomlNode> {
         match &self.value {
-            Value::Table(entries) => entries.iter().find(|entry| entry.key == segment).map(|entry| &entry.node),
-            Value::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get(index)),
+            TomlValue::Table(entries) => entries.iter().find(|entry| entry.key == segment).map(|entry| &entry.node),
+            TomlValue::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get(index)),
             _ => None,
         }
     }
 
-    /// The same, to be changed.
-    pub fn child_mut(&mut self, segment: &str) -> Option<&mut Node> {
+    /// Returns the child under a key, or at an index, to be changed.
+    pub fn child_mut(&mut self, segment: &str) -> Option<&mut TomlNode> {
         match &mut self.value {
-            Value::Table(entries) => entries.iter_mut().find(|entry| entry.key == segment).map(|entry| &mut entry.node),
-            Value::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get_mut(index)),
+            TomlValue::Table(entries) => {
+                entries.iter_mut().find(|entry| entry.key == segment).map(|entry| &mut entry.node)
+            }
+            TomlValue::Array(items) => segment.parse::<usize>().ok().and_then(|index| items.get_mut(index)),
             _ => None,
         }
     }
 
-    /// True if `place` is that of this value or of a key or value in it.
-    pub fn holds(&self, place: Place) -> bool {
+    /// Returns true if `place` is that of this value, or of a key or value inside it.
+    pub fn contains_place(&self, place: SourceSpan) -> bool {
         self.place == place
             || match &self.value {
-                Value::Table(entries) => {
-                    entries.iter().any(|entry| entry.key_place == place || entry.node.holds(place))
+                TomlValue::Table(entries) => {
+                    entries.iter().any(|entry| entry.key_place == place || entry.node.contains_place(place))
                 }
-                Value::Array(items) => items.iter().any(|item| item.holds(place)),
+                TomlValue::Array(items) => items.iter().any(|item| item.contains_place(place)),
                 _ => false,
             }
     }
 
-    /// The text, if it is text.
+    /// Returns the text, or `None` if the value is not a text.
     pub fn as_str(&self) -> Option<&str> {
         match &self.value {
-            Value::String(text) => Some(text),
+            TomlValue::String(text) => Some(text),
             _ => None,
         }
     }
 }
 
-fn table_value(table: &DeTable<'_>, source: usize) -> Value {
-    let mut entries: Vec<Entry> = table
+fn table_value(table: &DeTable<'_>, source: usize) -> TomlValue {
+    let mut entries: Vec<TomlEntry> = table
         .iter()
-        .map(|(key, value)| Entry {
+        .map(|(key, value)| TomlEntry {
             key: key.get_ref().to_string(),
-            key_place: Place { source, start: key.span().start, end: key.span().end },
-            node: Node {
-                place: Place { source, start: value.span().start, end: value.span().end },
+            key_place: SourceSpan { source, start: key.span().start, end: key.span().end },
+            node: TomlNode {
+                place: SourceSpan { source, start: value.span().start, end: value.span().end },
                 value: node_value(value.get_ref(), source),
             },
         })
         .collect();
-    // The parser sorts by name; people read in the order they wrote.
+    // The parser sorts by name, but messages should follow the order in which keys were written.
     entries.sort_by_key(|entry| entry.key_place.start);
-    Value::Table(entries)
+    TomlValue::Table(entries)
 }
 
-fn node_value(value: &DeValue<'_>, source: usize) -> Value {
+fn node_value(value: &DeValue<'_>, source: usize) -> TomlValue {
     match value {
-        DeValue::String(text) => Value::String(text.to_string()),
+        DeValue::String(text) => TomlValue::String(text.to_string()),
         DeValue::Integer(integer) => match i64::from_str_radix(integer.as_str(), integer.radix()) {
-            Ok(integer) => Value::Integer(integer),
-            // Too long for 64 bits: as a float it is refused by the range of whatever key it was meant for.
-            Err(_) => Value::Float(integer.as_str().parse().unwrap_or(f64::INFINITY)),
+            Ok(integer) => TomlValue::Integer(integer),
+            // Too long for 64 bits. As a float it is refused by the range of the key for which it was meant.
+            Err(_) => TomlValue::Float(integer.as_str().parse().unwrap_or(f64::INFINITY)),
         },
-        DeValue::Float(float) => Value::Float(float.as_str().parse().unwrap_or(f64::NAN)),
-        DeValue::Boolean(truth) => Value::Bool(*truth),
-        DeValue::Datetime(_) => Value::Datetime,
-        DeValue::Array(items) => Value::Array(
+        DeValue::Float(float) => TomlValue::Float(float.as_str().parse().unwrap_or(f64::NAN)),
+        DeValue::Boolean(truth) => TomlValue::Bool(*truth),
+        DeValue::Datetime(_) => TomlValue::Datetime,
+        DeValue::Array(items) => TomlValue::Array(
             items
                 .iter()
-                .map(|item| Node {
-                    place: Place { source, start: item.span().start, end: item.span().end },
+                .map(|item| TomlNode {
+                    place: SourceSpan { source, start: item.span().start, end: item.span().end },
                     value: node_value(item.get_ref(), source),
                 })
                 .collect(),
@@ -407,11 +413,11 @@ mod tests {
     #[test]
     fn the_job_of_a_dataset_may_be_larger_than_one_that_somebody_wrote() {
         let objects = "[[object]]\npath = \"../objects/ball.obj\"\nclass = \"ball\"\n\n".repeat(40_000);
-        assert!(oversize(&objects).is_some());
+        assert!(explain_oversize(&objects).is_some());
         let mut problems = Diagnostics::default();
         Document::parse(
             "job.toml",
-            format!("{RESOLVED} {}.\n{objects}", env!("CARGO_PKG_VERSION")),
+            format!("{RESOLVED_HEADER} {}.\n{objects}", env!("CARGO_PKG_VERSION")),
             Path::new(""),
             &mut problems,
         );

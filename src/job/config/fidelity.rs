@@ -1,35 +1,36 @@
-//! `fidelity`: a level, or a bound by which one is chosen.
+//! `fidelity`: a fidelity level, or a bound by which one is chosen.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use gelsim_core::fidelity::Fidelity;
 
-/// What a job asks for: a fidelity level, or a bound by which one is chosen.
+/// The fidelity that a job selects: a level, or a bound by which one is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 #[schemars(rename = "Fidelity")]
 pub enum FidelityChoice {
     /// The method of Gomes, Wilson and Luo (2019): mean blur for the pad, no shadows.
     Paper,
-    /// Elastic pad, solved on every fourth pixel; so are shadows.
+    /// Elastic pad and shadows, solved on every fourth pixel.
     Draft,
-    /// Elastic pad, solved on every second pixel; so are shadows.
+    /// Elastic pad and shadows, solved on every second pixel.
     Standard,
     /// Elastic pad and shadows, solved on every pixel.
     High,
-    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
+    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: the level with which the others are
+    /// compared.
     Reference,
-    /// The cheapest level whose surface is this close to the reference's, um (root mean square over the view, in at least
-    /// 99 % of the samples).
+    /// The cheapest level whose surface is this close to that of `reference`, um (root mean square over the view, in at
+    /// least 99 % of the samples).
     MaxErrorUm(f64),
-    /// The most exact level that simulates a sample in this CPU time, ms (median of some samples of the job, one thread,
-    /// files not counted).
+    /// The most exact level that simulates a sample in this CPU time, ms (median of some samples of the job, on one
+    /// thread, without writing files).
     MaxMs(f64),
 }
 
 impl FidelityChoice {
-    /// The level, if it is one.
+    /// Returns the level, or `None` for a bound.
     pub fn level(self) -> Option<Fidelity> {
         match self {
             Self::Paper => Some(Fidelity::Paper),

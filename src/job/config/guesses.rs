@@ -1,24 +1,25 @@
-//! What people write who have not read the docs, and what they mean: other programs' keys and values, values of another kind.
+//! Guesses what people mean who have not read the docs: keys and values of other programs, and values of a wrong kind.
 //!
-//! A guess that is known beats the nearest spelling: `leds` is as near to `lens` as to `led`. Targets are checked against what
-//! is known where the guess stands, so that none is advised where it is an error.
+//! A known guess beats the nearest spelling, since `leds` is as near to `lens` as to `led`. A guess is suggested only
+//! if the table or key where it stands takes it.
 
-use super::document::{Entry, Node, Value};
+use super::document::{TomlEntry, TomlNode, TomlValue};
 use crate::layers::OutputLayer;
-use gelsim_files::spelling::{nearest, one_of};
+use gelsim_files::spelling::{find_nearest_name, join_alternatives};
 
-/// What somebody means by a key.
-enum Means {
+/// What is meant by an unknown key.
+enum Meaning {
     /// This key of the same table.
     Key(&'static str),
-    /// Something that is said elsewhere.
+    /// Something that is said elsewhere; holds the advice.
     Elsewhere(&'static str),
 }
 
-use Means::{Elsewhere, Key};
+use Meaning::{Elsewhere, Key};
 
-/// Keys that are guessed, in lower case with `_` between words, and what they mean: the first of these that fits the table.
-const KEYS: &[(&[&str], &[Means])] = &[
+/// Unknown keys, in lower case with `_` between words, and what they mean: the first meaning that fits the table
+/// counts.
+const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
     (
         &["background_image", "background_path", "background_file", "bg", "bg_image", "reference_image"],
         &[Key("background"), Elsewhere("under [sensor]: background = \"untouched.png\"")],
@@ -218,8 +219,8 @@ const KEYS: &[(&[&str], &[Means])] = &[
     (&["overwrite", "force_overwrite"], &[Elsewhere("--overwrite on the command line")]),
 ];
 
-/// Values of keys that name a choice, likewise: the first known one is meant.
-const CHOICES: &[(&[&str], &[&str])] = &[
+/// Unknown values of keys that take a choice, and what they mean: the first one that the key takes counts.
+const CHOICE_GUESSES: &[(&[&str], &[&str])] = &[
     (&["heightmap", "height_map", "height", "deformation", "displacement"], &["surface"]),
     (&["mask", "contact_mask", "segmentation", "contact_area"], &["contact", "instance"]),
     (&["force", "forces", "force_map", "stress", "normal_force"], &["pressure"]),
@@ -255,11 +256,11 @@ const CHOICES: &[(&[&str], &[&str])] = &[
     (&["gelsight_2017", "gelsight2017", "wedge", "gelsight_wedge", "gelslim", "r1"], &["gelsight-2017"]),
 ];
 
-/// Choices that are somewhere else altogether, and where.
-const ELSEWHERE: &[(&[&str], &str)] = &[
+/// Values that belong somewhere else altogether, and where.
+const CHOICE_HELP: &[(&[&str], &str)] = &[
     (
         &["hdf5", "h5", "zarr", "lerobot", "parquet", "rlds", "tfrecord"],
-        "gelsim-export copies a dataset to lerobot, zarr or hdf5 (pip install '.[export]', docs/formats.md)",
+        "gelsim-export copies a dataset to lerobot, zarr or hdf5 (pip install '.[export]', docs/how-to/export.md)",
     ),
     (
         &["rgb", "image", "tactile", "color", "colour", "images"],
@@ -271,26 +272,28 @@ const ELSEWHERE: &[(&[&str], &str)] = &[
     ),
 ];
 
-/// A guess as it is looked up.
-fn plain(written: &str) -> String {
+/// Brings a name to the form of the tables: lower case, with `_` between words.
+fn normalise_name(written: &str) -> String {
     written.trim().to_lowercase().replace(['-', ' '], "_")
 }
 
-/// True if `written` is a guess at this key.
+/// Returns true if `written` may be meant as this key.
 pub fn is_guess_at(written: &str, key: &str) -> bool {
-    let guess = plain(written);
-    let is_meant = |meant: &Means| matches!(meant, Key(meant) if *meant == key);
-    KEYS.iter().any(|(guesses, meant)| guesses.contains(&guess.as_str()) && meant.iter().any(is_meant))
-        || nearest(written, [key]).is_some()
+    let guess = normalise_name(written);
+    let is_meant = |meant: &Meaning| matches!(meant, Key(meant) if *meant == key);
+    KEY_GUESSES.iter().any(|(guesses, meant)| guesses.contains(&guess.as_str()) && meant.iter().any(is_meant))
+        || find_nearest_name(written, [key]).is_some()
 }
 
-/// What is advised where `written` is no key of a table that knows these: the key that is meant, or where it is said.
-pub fn of_key(written: &str, known: &[&str]) -> String {
-    let guess = plain(written);
-    if let Some(name) = known.iter().find(|name| plain(name) == guess) {
+/// Suggests what to do with the unknown key `written` in a table that has the keys `known`: the key that is meant, or
+/// where it is said instead.
+pub fn suggest_key(written: &str, known: &[&str]) -> String {
+    let guess = normalise_name(written);
+    if let Some(name) = known.iter().find(|name| normalise_name(name) == guess) {
         return format!("did you mean `{name}`?");
     }
-    let meant = KEYS.iter().filter(|(guesses, _)| guesses.contains(&guess.as_str())).flat_map(|(_, meant)| *meant);
+    let meant =
+        KEY_GUESSES.iter().filter(|(guesses, _)| guesses.contains(&guess.as_str())).flat_map(|(_, meant)| *meant);
     for meaning in meant {
         match meaning {
             Key(key) if known.contains(key) => return format!("did you mean `{key}`?"),
@@ -298,51 +301,54 @@ pub fn of_key(written: &str, known: &[&str]) -> String {
             Key(_) => {}
         }
     }
-    match nearest(written, known.iter().copied()) {
+    match find_nearest_name(written, known.iter().copied()) {
         Some(name) => format!("did you mean `{name}`?"),
-        None => format!("known here: {}", one_of(known)),
+        None => format!("known here: {}", join_alternatives(known)),
     }
 }
 
-/// The choice that is meant by one that is not known.
-pub fn choice<'a>(written: &str, known: &[&'a str]) -> Option<&'a str> {
-    let guess = plain(written);
-    let same = || known.iter().find(|name| plain(name) == guess);
+/// Returns the known choice that is meant by an unknown one, if it can be guessed.
+pub fn guess_choice<'a>(written: &str, known: &[&'a str]) -> Option<&'a str> {
+    let guess = normalise_name(written);
+    let same = || known.iter().find(|name| normalise_name(name) == guess);
     let by_table = || {
-        let meant =
-            CHOICES.iter().filter(|(guesses, _)| guesses.contains(&guess.as_str())).flat_map(|(_, meant)| *meant);
+        let meant = CHOICE_GUESSES
+            .iter()
+            .filter(|(guesses, _)| guesses.contains(&guess.as_str()))
+            .flat_map(|(_, meant)| *meant);
         meant.filter_map(|name| known.iter().find(|known| *known == name)).next()
     };
-    // Signs are what sides differ by.
+    // Sides differ only by their sign, so that a nearest spelling must have one, too.
     let signed = written.starts_with(['+', '-']);
-    let by_spelling = || nearest(written, known.iter().copied().filter(|name| !signed || name.starts_with(['+', '-'])));
+    let by_spelling =
+        || find_nearest_name(written, known.iter().copied().filter(|name| !signed || name.starts_with(['+', '-'])));
     same().or_else(by_table).copied().or_else(by_spelling)
 }
 
-/// What is advised where `written` is no choice there is.
-pub fn of_choice(written: &str, known: &[&str]) -> String {
-    let guess = plain(written);
-    let all = one_of(known);
-    if let Some(near) = choice(written, known) {
+/// Suggests what to do with the unknown choice `written`.
+pub fn suggest_choice(written: &str, known: &[&str]) -> String {
+    let guess = normalise_name(written);
+    let all = join_alternatives(known);
+    if let Some(near) = guess_choice(written, known) {
         return format!("did you mean `{near}`? One of {all}");
     }
-    match ELSEWHERE.iter().find(|(guesses, _)| guesses.contains(&guess.as_str())) {
+    match CHOICE_HELP.iter().find(|(guesses, _)| guesses.contains(&guess.as_str())) {
         Some((_, help)) => format!("{help}. One of {all}"),
         None => format!("one of {all}"),
     }
 }
 
-/// What a key takes.
+/// The kind of value that a key takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub enum ExpectedValue {
     /// A whole number.
-    Whole,
+    Integer,
     /// A number.
     Number,
     /// A constant, a range or a distribution.
     Quantity,
     /// True or false.
-    Truth,
+    Bool,
     /// Text.
     Text,
     /// A list.
@@ -351,13 +357,13 @@ pub enum Wanted {
     Table,
     /// `stick`, or a table with a coefficient.
     Friction,
-    /// `stick`, or a table of Coulomb's law.
+    /// `stick`, or a table with Coulomb friction.
     Coulomb,
 }
 
-impl Wanted {
-    /// What is taken where one of these names belongs.
-    pub fn of_choice(names: &[&str]) -> Option<Self> {
+impl ExpectedValue {
+    /// Returns the kind of value of a choice that has one of these names; `None` for any other choice.
+    pub fn from_choice_names(names: &[&str]) -> Option<Self> {
         match names {
             names if names.contains(&"coulomb") => Some(Self::Coulomb),
             names if names.contains(&"coefficient") => Some(Self::Friction),
@@ -366,12 +372,13 @@ impl Wanted {
     }
 }
 
-/// Names of the ends of ranges.
-const LOWER: &[&str] = &["min", "low", "from", "start", "lower"];
-const UPPER: &[&str] = &["max", "high", "to", "end", "stop", "upper"];
+/// Names that people give to the lower end of a range.
+const LOWER_END_NAMES: &[&str] = &["min", "low", "from", "start", "lower"];
+/// Names that people give to the upper end of a range.
+const UPPER_END_NAMES: &[&str] = &["max", "high", "to", "end", "stop", "upper"];
 
-/// Tables that are often taken for switches, or for names.
-const TABLES: &[(&str, &str)] = &[
+/// Tables that are often written as a switch or a name, and what to write instead.
+const TABLE_HELP: &[(&str, &str)] = &[
     ("markers", "a table says which: [markers] with pitch_mm = 1.5 and diameter_mm = 0.4"),
     ("texture", "a table says which: [texture] with patterns = [\"noise\"] and amplitude_mm = [0.01, 0.05]"),
     ("camera", "a table says what it does: [camera] with read_noise_levels = 2.0"),
@@ -380,57 +387,60 @@ const TABLES: &[(&str, &str)] = &[
     ("splits", "a table says how much each gets: splits = { train = 0.8, val = 0.1, test = 0.1 }"),
 ];
 
-/// The line as it should read where the value of `key` is of another kind than wanted, if it is plain what is meant; of an
-/// element of a list, whose key is empty, the value.
-pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
+/// Suggests the line as it should read if the value of `key` is of another kind than wanted and the meaning is plain.
+/// For an element of a list, whose key is empty, it suggests the value.
+pub fn suggest_line(key: &str, value: &TomlValue, wanted: ExpectedValue) -> Option<String> {
     let write = |value: String| {
         Some(match key {
             "" => format!("write `{value}`"),
             key => format!("write `{key} = {value}`"),
         })
     };
-    let list = |numbers: &[f64]| format!("[{}]", numbers.iter().map(|n| decimal(*n)).collect::<Vec<_>>().join(", "));
+    let list =
+        |numbers: &[f64]| format!("[{}]", numbers.iter().map(|n| format_decimal(*n)).collect::<Vec<_>>().join(", "));
     match (value, wanted) {
-        (Value::String(text), Wanted::Whole)
+        (TomlValue::String(text), ExpectedValue::Integer)
             if key == "seed" && !text.trim().starts_with(|c: char| c.is_ascii_digit()) =>
         {
             Some(String::from(
                 "a seed is a whole number, such as `seed = 7`: the same seed gives the same samples, another one others",
             ))
         }
-        (Value::String(text), Wanted::Whole) => write(whole(number(text)?)?),
-        (Value::Float(number), Wanted::Whole) => write(whole(*number)?),
-        (Value::String(text), Wanted::Number) => write(decimal(number(text)?)),
-        (Value::String(text), Wanted::Quantity) => match numbers(text)?.as_slice() {
-            [one] => write(decimal(*one)),
+        (TomlValue::String(text), ExpectedValue::Integer) => write(format_integer(parse_loose_number(text)?)?),
+        (TomlValue::Float(number), ExpectedValue::Integer) => write(format_integer(*number)?),
+        (TomlValue::String(text), ExpectedValue::Number) => write(format_decimal(parse_loose_number(text)?)),
+        (TomlValue::String(text), ExpectedValue::Quantity) => match parse_loose_numbers(text)?.as_slice() {
+            [one] => write(format_decimal(*one)),
             [low, high] => write(list(&[*low, *high])),
             _ => None,
         },
-        (Value::Array(items), Wanted::Text) if key == "path" && items.len() > 1 => Some(String::from(
+        (TomlValue::Array(items), ExpectedValue::Text) if key == "path" && items.len() > 1 => Some(String::from(
             "one table for each file: [[object]] with path = \"a.stl\"; or a pattern for all of them, path = \"*.stl\"",
         )),
-        (Value::Array(items), Wanted::Whole | Wanted::Number | Wanted::Text) => match items.as_slice() {
-            [Node { value, .. }] => write(literal(value)?),
-            _ => None,
-        },
-        (Value::Array(items), Wanted::Quantity) if items.len() != 2 => match floats(items)?.as_slice() {
+        (TomlValue::Array(items), ExpectedValue::Integer | ExpectedValue::Number | ExpectedValue::Text) => {
+            match items.as_slice() {
+                [TomlNode { value, .. }] => write(format_literal(value)?),
+                _ => None,
+            }
+        }
+        (TomlValue::Array(items), ExpectedValue::Quantity) if items.len() != 2 => match as_floats(items)?.as_slice() {
             [] => None,
-            [one] => write(decimal(*one)),
+            [one] => write(format_decimal(*one)),
             several => write(format!("{{ choice = {} }}", list(several))),
         },
-        (Value::String(text), Wanted::Truth) => match text.to_lowercase().as_str() {
+        (TomlValue::String(text), ExpectedValue::Bool) => match text.to_lowercase().as_str() {
             "true" | "yes" | "on" => write(String::from("true")),
             "false" | "no" | "off" => write(String::from("false")),
             _ => None,
         },
-        (Value::Integer(truth @ (0 | 1)), Wanted::Truth) => write((*truth == 1).to_string()),
-        (Value::Integer(_) | Value::Float(_) | Value::Bool(_), Wanted::Text) => {
-            write(format!("\"{}\"", literal(value)?))
+        (TomlValue::Integer(truth @ (0 | 1)), ExpectedValue::Bool) => write((*truth == 1).to_string()),
+        (TomlValue::Integer(_) | TomlValue::Float(_) | TomlValue::Bool(_), ExpectedValue::Text) => {
+            write(format!("\"{}\"", format_literal(value)?))
         }
-        (Value::String(text), Wanted::List) if key == "layers" => {
+        (TomlValue::String(text), ExpectedValue::List) if key == "layers" => {
             let known: Vec<&str> = OutputLayer::ALL.into_iter().map(OutputLayer::name).collect();
             let named: Option<Vec<&str>> =
-                text.split([',', ' ']).filter(|word| !word.is_empty()).map(|word| choice(word, &known)).collect();
+                text.split([',', ' ']).filter(|word| !word.is_empty()).map(|word| guess_choice(word, &known)).collect();
             match named.filter(|named| !named.is_empty()) {
                 Some(named) => write(format!("{named:?}")),
                 None => Some(String::from(
@@ -438,20 +448,20 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
                 )),
             }
         }
-        (Value::String(text), Wanted::List) => match numbers(text) {
+        (TomlValue::String(text), ExpectedValue::List) => match parse_loose_numbers(text) {
             Some(several) if several.len() > 1 => write(list(&several)),
             _ => write(format!("[{text:?}]")),
         },
-        (Value::Integer(_) | Value::Float(_), Wanted::List) => {
-            let one = literal(value)?;
+        (TomlValue::Integer(_) | TomlValue::Float(_), ExpectedValue::List) => {
+            let one = format_literal(value)?;
             write(format!("[{one}, {one}]"))
         }
-        (Value::Table(entries), Wanted::List) if key == "layers" => {
-            let named = entries.iter().filter(|entry| !matches!(entry.node.value, Value::Bool(false)));
+        (TomlValue::Table(entries), ExpectedValue::List) if key == "layers" => {
+            let named = entries.iter().filter(|entry| !matches!(entry.node.value, TomlValue::Bool(false)));
             let names: Vec<String> = named.map(|entry| format!("{:?}", entry.key)).collect();
             write(format!("[{}]", names.join(", ")))
         }
-        (Value::Table(_), Wanted::List) if ["object", "led", "lamp", "phase"].contains(&key) => {
+        (TomlValue::Table(_), ExpectedValue::List) if ["object", "led", "lamp", "phase"].contains(&key) => {
             let table = match key {
                 "led" | "lamp" => format!("sensor.{key}"),
                 "phase" => format!("sequence.{key}"),
@@ -459,67 +469,83 @@ pub fn line(key: &str, value: &Value, wanted: Wanted) -> Option<String> {
             };
             Some(format!("there may be several: write [[{table}]]"))
         }
-        (Value::Table(entries), Wanted::List) => {
-            let of = |names: &[&str]| number_of(entries, names);
-            let ends = of(LOWER).zip(of(UPPER)).or_else(|| of(&["width", "w", "x"]).zip(of(&["height", "h", "y"])));
+        (TomlValue::Table(entries), ExpectedValue::List) => {
+            let of = |names: &[&str]| find_number(entries, names);
+            let ends = of(LOWER_END_NAMES)
+                .zip(of(UPPER_END_NAMES))
+                .or_else(|| of(&["width", "w", "x"]).zip(of(&["height", "h", "y"])));
             match ends {
                 Some((first, second)) => write(list(&[first, second])),
                 None => Some(format!("a list stands in brackets: {key} = [..]")),
             }
         }
-        (Value::Array(items), Wanted::Table) if key == "splits" => match floats(items)?.as_slice() {
-            [train, val, test] => {
-                write(format!("{{ train = {}, val = {}, test = {} }}", decimal(*train), decimal(*val), decimal(*test)))
+        (TomlValue::Array(items), ExpectedValue::Table) if key == "splits" => match as_floats(items)?.as_slice() {
+            [train, val, test] => write(format!(
+                "{{ train = {}, val = {}, test = {} }}",
+                format_decimal(*train),
+                format_decimal(*val),
+                format_decimal(*test)
+            )),
+            [train, test] => {
+                write(format!("{{ train = {}, test = {} }}", format_decimal(*train), format_decimal(*test)))
             }
-            [train, test] => write(format!("{{ train = {}, test = {} }}", decimal(*train), decimal(*test))),
             _ => None,
         },
-        (Value::Array(items), Wanted::Table) => items
+        (TomlValue::Array(items), ExpectedValue::Table) => items
             .iter()
-            .all(|item| matches!(item.value, Value::Table(_)))
+            .all(|item| matches!(item.value, TomlValue::Table(_)))
             .then(|| format!("there is one: [{key}] in place of [[{key}]]")),
-        (Value::Bool(false), Wanted::Table) => Some(String::from("leave it out")),
-        (Value::String(name), Wanted::Table) if key == "sensor" => {
+        (TomlValue::Bool(false), ExpectedValue::Table) => Some(String::from("leave it out")),
+        (TomlValue::String(name), ExpectedValue::Table) if key == "sensor" => {
             let known = gelsim_files::sensor::PRESETS.map(|(name, _)| name);
-            Some(match choice(name, &known) {
+            Some(match guess_choice(name, &known) {
                 Some(preset) => format!("a table says which: [sensor] with preset = \"{preset}\""),
                 None => format!("a table says which: [sensor] with file = {name:?}, or preset = \"digit\""),
             })
         }
-        (_, Wanted::Table) => TABLES.iter().find(|(table, _)| *table == key).map(|(_, help)| (*help).to_owned()),
-        (Value::Table(entries), Wanted::Quantity) => {
-            let of = |names: &[&str]| number_of(entries, names);
-            let (low, high) = (of(LOWER), of(UPPER));
+        (_, ExpectedValue::Table) => {
+            TABLE_HELP.iter().find(|(table, _)| *table == key).map(|(_, help)| (*help).to_owned())
+        }
+        (TomlValue::Table(entries), ExpectedValue::Quantity) => {
+            let of = |names: &[&str]| find_number(entries, names);
+            let (low, high) = (of(LOWER_END_NAMES), of(UPPER_END_NAMES));
             match (of(&["mean", "mu"]), of(&["std", "sigma", "sd"]), low.zip(high)) {
                 (Some(mean), Some(std), limits) => {
                     let limits = limits.map_or(String::new(), |(low, high)| {
-                        format!(", min = {}, max = {}", decimal(low), decimal(high))
+                        format!(", min = {}, max = {}", format_decimal(low), format_decimal(high))
                     });
-                    write(format!("{{ normal = {{ mean = {}, std = {}{limits} }} }}", decimal(mean), decimal(std)))
+                    write(format!(
+                        "{{ normal = {{ mean = {}, std = {}{limits} }} }}",
+                        format_decimal(mean),
+                        format_decimal(std)
+                    ))
                 }
                 (_, _, Some((low, high))) => write(list(&[low, high])),
                 _ => None,
             }
         }
-        (Value::Integer(_) | Value::Float(_), Wanted::Coulomb) => {
-            write(format!("{{ coulomb = {{ coefficient = {} }} }}", literal(value)?))
+        (TomlValue::Integer(_) | TomlValue::Float(_), ExpectedValue::Coulomb) => {
+            write(format!("{{ coulomb = {{ coefficient = {} }} }}", format_literal(value)?))
         }
-        (Value::Integer(_) | Value::Float(_), Wanted::Friction) => {
-            write(format!("{{ coefficient = {} }}", literal(value)?))
+        (TomlValue::Integer(_) | TomlValue::Float(_), ExpectedValue::Friction) => {
+            write(format!("{{ coefficient = {} }}", format_literal(value)?))
         }
-        (Value::Array(items), Wanted::Friction) => write(format!("{{ coefficient = {} }}", list(&floats(items)?))),
-        (Value::Array(_), Wanted::Coulomb) => Some(String::from(
+        (TomlValue::Array(items), ExpectedValue::Friction) => {
+            write(format!("{{ coefficient = {} }}", list(&as_floats(items)?)))
+        }
+        (TomlValue::Array(_), ExpectedValue::Coulomb) => Some(String::from(
             "it is one number here: { coulomb = { coefficient = 0.5 } }; under [[object]] and in [sequence] friction may be a range",
         )),
         _ => None,
     }
 }
 
-/// A list as it should read where its numbers have decimal commas, so that it has twice as many elements as `wanted`.
-pub fn decimal_commas(value: &Value, wanted: usize) -> Option<String> {
-    let Value::Array(items) = value else { return None };
+/// Suggests a list with decimal points if its numbers were written with decimal commas, so that it has twice as many
+/// elements as `wanted`.
+pub fn suggest_decimal_points(value: &TomlValue, wanted: usize) -> Option<String> {
+    let TomlValue::Array(items) = value else { return None };
     let halves = items.iter().map(|item| match item.value {
-        Value::Integer(number) => Some(number),
+        TomlValue::Integer(number) => Some(number),
         _ => None,
     });
     let halves: Vec<i64> = halves.collect::<Option<_>>()?;
@@ -528,8 +554,8 @@ pub fn decimal_commas(value: &Value, wanted: usize) -> Option<String> {
     is_so.then(|| format!("numbers have a decimal point: [{meant}]"))
 }
 
-/// A number in text: also 3,000 and 3k.
-fn number(text: &str) -> Option<f64> {
+/// Parses a number in a text, with 3,000 and 3k allowed.
+fn parse_loose_number(text: &str) -> Option<f64> {
     let text = text.trim().replace([',', '_', ' '], "");
     let (digits, times) = match text.strip_suffix(['k', 'K']) {
         Some(digits) => (digits, 1e3),
@@ -542,8 +568,8 @@ fn number(text: &str) -> Option<f64> {
     number.is_finite().then_some(times * number)
 }
 
-/// The numbers in text such as `640x480`, `0.2 - 1.0` or `0.2, 1.0`.
-fn numbers(text: &str) -> Option<Vec<f64>> {
+/// Parses the numbers in a text such as `640x480`, `0.2 - 1.0` or `0.2, 1.0`.
+fn parse_loose_numbers(text: &str) -> Option<Vec<f64>> {
     if let Ok(one) = text.trim().parse::<f64>() {
         return Some(vec![one]);
     }
@@ -560,41 +586,41 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
     parts.filter(|parts| parts.len() > 1).find_map(read)
 }
 
-/// A whole number as TOML has it.
-pub fn whole(number: f64) -> Option<String> {
+/// Formats a whole number as TOML; `None` for any other number.
+pub fn format_integer(number: f64) -> Option<String> {
     ((0.0..9e15).contains(&number) && number.fract() == 0.0).then(|| format!("{number:.0}"))
 }
 
-/// A number as TOML has it: whole ones without a point, which every key takes.
-fn decimal(number: f64) -> String {
-    whole(number.abs()).map_or_else(|| format!("{number:?}"), |_| format!("{number:.0}"))
+/// Formats a number as TOML. Whole numbers have no point, since every key takes them so.
+fn format_decimal(number: f64) -> String {
+    format_integer(number.abs()).map_or_else(|| format!("{number:?}"), |_| format!("{number:.0}"))
 }
 
-fn literal(value: &Value) -> Option<String> {
+fn format_literal(value: &TomlValue) -> Option<String> {
     match value {
-        Value::Bool(truth) => Some(truth.to_string()),
-        Value::Integer(number) => Some(number.to_string()),
-        Value::Float(number) => Some(format!("{number:?}")),
-        Value::String(text) => Some(format!("{text:?}")),
-        Value::Datetime | Value::Array(_) | Value::Table(_) => None,
+        TomlValue::Bool(truth) => Some(truth.to_string()),
+        TomlValue::Integer(number) => Some(number.to_string()),
+        TomlValue::Float(number) => Some(format!("{number:?}")),
+        TomlValue::String(text) => Some(format!("{text:?}")),
+        TomlValue::Datetime | TomlValue::Array(_) | TomlValue::Table(_) => None,
     }
 }
 
-fn float(value: &Value) -> Option<f64> {
+fn as_float(value: &TomlValue) -> Option<f64> {
     match value {
-        Value::Integer(number) => Some(*number as f64),
-        Value::Float(number) => Some(*number),
+        TomlValue::Integer(number) => Some(*number as f64),
+        TomlValue::Float(number) => Some(*number),
         _ => None,
     }
 }
 
-/// The number of the first key of a table that has one of these names.
-fn number_of(entries: &[Entry], names: &[&str]) -> Option<f64> {
-    entries.iter().find(|entry| names.contains(&entry.key.as_str())).and_then(|entry| float(&entry.node.value))
+/// Finds the first key of a table that has one of these names, and returns its number.
+fn find_number(entries: &[TomlEntry], names: &[&str]) -> Option<f64> {
+    entries.iter().find(|entry| names.contains(&entry.key.as_str())).and_then(|entry| as_float(&entry.node.value))
 }
 
-fn floats(items: &[Node]) -> Option<Vec<f64>> {
-    items.iter().map(|item| float(&item.value)).collect()
+fn as_floats(items: &[TomlNode]) -> Option<Vec<f64>> {
+    items.iter().map(|item| as_float(&item.value)).collect()
 }
 
 #[cfg(test)]
@@ -616,51 +642,56 @@ mod tests {
             ("resolution", "did you mean `resolution_px`?"),
             ("resolutoin_px", "did you mean `resolution_px`?"),
         ] {
-            assert_eq!(of_key(written, &sensor), help, "{written}");
+            assert_eq!(suggest_key(written, &sensor), help, "{written}");
         }
-        assert!(of_key("variation", &sensor).contains("[sensor.unit] variation = 0.5"));
-        assert!(of_key("dir", &["layers", "exr"]).contains("--out DIR"));
-        assert!(of_key("brightnes", &["depth_mm", "at"]).starts_with("known here: "));
-        // A key is advised only where it is one.
-        assert!(of_key("background_image", &["depth_mm"]).contains("under [sensor]"));
+        assert!(suggest_key("variation", &sensor).contains("[sensor.unit] variation = 0.5"));
+        assert!(suggest_key("dir", &["layers", "exr"]).contains("--out DIR"));
+        assert!(suggest_key("brightnes", &["depth_mm", "at"]).starts_with("known here: "));
+        // A key is suggested only in a table that has it.
+        assert!(suggest_key("background_image", &["depth_mm"]).contains("under [sensor]"));
     }
 
     #[test]
     fn a_choice_is_found_by_its_meaning_and_never_with_another_sign() {
-        assert_eq!(choice("heightmap", &["depth", "surface"]), Some("surface"));
-        assert_eq!(choice("DIGIT", &["digit", "tactip"]), Some("digit"));
-        assert_eq!(choice("gelsight", &["allsight", "gelsight-mini"]), Some("gelsight-mini"));
-        assert_eq!(choice("-Z", &["any", "+x", "-x", "+z", "-z"]), Some("-z"));
-        assert_eq!(choice("meters", &["mm", "cm", "m", "in"]), Some("m"));
-        assert!(of_choice("hdf5", &["tar", "folder"]).starts_with("gelsim-export copies"));
+        assert_eq!(guess_choice("heightmap", &["depth", "surface"]), Some("surface"));
+        assert_eq!(guess_choice("DIGIT", &["digit", "tactip"]), Some("digit"));
+        assert_eq!(guess_choice("gelsight", &["allsight", "gelsight-mini"]), Some("gelsight-mini"));
+        assert_eq!(guess_choice("-Z", &["any", "+x", "-x", "+z", "-z"]), Some("-z"));
+        assert_eq!(guess_choice("meters", &["mm", "cm", "m", "in"]), Some("m"));
+        assert!(suggest_choice("hdf5", &["tar", "folder"]).starts_with("gelsim-export copies"));
     }
 
     #[test]
     fn the_line_is_shown_as_it_should_read() {
-        let text = |text: &str| Value::String(text.to_owned());
-        let said = |key: &str, value: &Value, wanted| line(key, value, wanted).unwrap_or_default();
+        let text = |text: &str| TomlValue::String(text.to_owned());
+        let said = |key: &str, value: &TomlValue, wanted| suggest_line(key, value, wanted).unwrap_or_default();
         for (key, value, wanted, expected) in [
-            ("samples", text("3000"), Wanted::Whole, "write `samples = 3000`"),
-            ("samples", text("3,000"), Wanted::Whole, "write `samples = 3000`"),
-            ("samples", text("2k"), Wanted::Whole, "write `samples = 2000`"),
-            ("samples", Value::Float(3e3), Wanted::Whole, "write `samples = 3000`"),
-            ("resolution_px", text("640x480"), Wanted::List, "write `resolution_px = [640, 480]`"),
-            ("layers", text("depth"), Wanted::List, "write `layers = [\"depth\"]`"),
-            ("depth_mm", text("0.2 - 1.0"), Wanted::Quantity, "write `depth_mm = [0.2, 1]`"),
-            ("weight", text("0.5"), Wanted::Number, "write `weight = 0.5`"),
-            ("name", Value::Integer(5), Wanted::Text, "write `name = \"5\"`"),
-            ("sensor", text("digit"), Wanted::Table, "a table says which: [sensor] with preset = \"digit\""),
+            ("samples", text("3000"), ExpectedValue::Integer, "write `samples = 3000`"),
+            ("samples", text("3,000"), ExpectedValue::Integer, "write `samples = 3000`"),
+            ("samples", text("2k"), ExpectedValue::Integer, "write `samples = 2000`"),
+            ("samples", TomlValue::Float(3e3), ExpectedValue::Integer, "write `samples = 3000`"),
+            ("resolution_px", text("640x480"), ExpectedValue::List, "write `resolution_px = [640, 480]`"),
+            ("layers", text("depth"), ExpectedValue::List, "write `layers = [\"depth\"]`"),
+            ("depth_mm", text("0.2 - 1.0"), ExpectedValue::Quantity, "write `depth_mm = [0.2, 1]`"),
+            ("weight", text("0.5"), ExpectedValue::Number, "write `weight = 0.5`"),
+            ("name", TomlValue::Integer(5), ExpectedValue::Text, "write `name = \"5\"`"),
+            ("sensor", text("digit"), ExpectedValue::Table, "a table says which: [sensor] with preset = \"digit\""),
             (
                 "markers",
-                Value::Bool(true),
-                Wanted::Table,
+                TomlValue::Bool(true),
+                ExpectedValue::Table,
                 "a table says which: [markers] with pitch_mm = 1.5 and diameter_mm = 0.4",
             ),
-            ("friction", Value::Float(0.6), Wanted::Coulomb, "write `friction = { coulomb = { coefficient = 0.6 } }`"),
+            (
+                "friction",
+                TomlValue::Float(0.6),
+                ExpectedValue::Coulomb,
+                "write `friction = { coulomb = { coefficient = 0.6 } }`",
+            ),
         ] {
             assert_eq!(said(key, &value, wanted), expected);
         }
-        assert!(said("seed", &text("random"), Wanted::Whole).contains("seed = 7"));
-        assert_eq!(said("samples", &Value::Float(8.5), Wanted::Whole), "");
+        assert!(said("seed", &text("random"), ExpectedValue::Integer).contains("seed = 7"));
+        assert_eq!(said("samples", &TomlValue::Float(8.5), ExpectedValue::Integer), "");
     }
 }

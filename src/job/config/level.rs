@@ -1,5 +1,5 @@
-//! A fidelity level chooses numerics: grids, tolerances, iterations. What a job says of physics stays under every level, and
-//! what it says of numerics is not dropped for a level without a word.
+//! Applies a fidelity level, which chooses numerics: grids, tolerances, iterations. What a job says of physics stays
+//! under every level. What it says of numerics is never dropped for a level silently.
 
 use super::Job;
 use super::document::Document;
@@ -9,8 +9,8 @@ use gelsim_core::optics;
 use gelsim_core::optics::phong::Shadows;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 
-/// Fills the numerics that a job leaves open with those of the level that it names. What it writes itself stays.
-pub fn fill(job: &mut Job, document: &Document) {
+/// Fills the numerics that a job leaves open with those of the level that it names. What the job writes itself stays.
+pub fn fill_from_level(job: &mut Job, document: &Document) {
     let named = document.get("fidelity").is_some();
     let Some(level) = job.fidelity.and_then(super::fidelity::FidelityChoice::level).filter(|_| named) else { return };
     let models = level.models(job.sensor.light_source());
@@ -34,39 +34,42 @@ pub fn fill(job: &mut Job, document: &Document) {
     }
 }
 
-/// Puts a level of the command line in place of the job's: what is not part of a level stays, what contradicts it is a mistake.
-pub fn replace(job: &mut Job, document: &Document, level: Fidelity, problems: &mut Diagnostics) {
+/// Replaces the job's level by one of the command line. What is not part of a level stays, and what contradicts it is
+/// an error.
+pub fn replace_level(job: &mut Job, document: &Document, level: Fidelity, problems: &mut Diagnostics) {
     let light = job.sensor.light_source();
+    // Values that only repeat the job's own level are not the user's choice.
     let before = job.fidelity.and_then(super::fidelity::FidelityChoice::level).unwrap_or_default().models(light);
     let after = level.models(light);
-    let mut change = Change { document, level, problems };
+    let mut change = LevelChange { document, level, problems };
     job.fidelity = Some(level.into());
-    job.gelpad = job.gelpad.take().and_then(|own| change.gelpad(own, &before, &after));
-    job.optics = job.optics.take().map(|own| change.optics(own, &before, &after));
+    job.gelpad = job.gelpad.take().and_then(|own| change.merge_gelpad(own, &before, &after));
+    job.optics = job.optics.take().map(|own| change.merge_optics(own, &before, &after));
 }
 
-struct Change<'a> {
+struct LevelChange<'a> {
     document: &'a Document,
     level: Fidelity,
     problems: &'a mut Diagnostics,
 }
 
-impl Change<'_> {
-    /// Says that a key contradicts the level.
-    fn refuse(&mut self, key: &str, own: &str, of_level: &str) {
+impl LevelChange<'_> {
+    /// Reports that a key contradicts the level.
+    fn refuse_key(&mut self, key: &str, own: &str, of_level: &str) {
         let level = self.level.name();
         let message = format!("--fidelity {level} stands for {of_level}, and `{key}` says {own}");
         let help = format!("leave `{key}` out, or --fidelity; `gelsim list levels` says what each level stands for");
-        self.problems.push(Diagnostic::new(message).at(self.document.place(key)).help(help));
+        self.problems.push(Diagnostic::new(message).at(self.document.place_of(key)).help(help));
     }
 
-    /// Whether a key is the user's own choice: written, and not what the job's level stands for anyway, as in the job of a dataset.
+    /// Returns true if a key is the user's own choice: it was written, and is not just the value of the job's level, as
+    /// in the job of a dataset.
     fn is_own<T: PartialEq>(&self, key: &str, own: &T, before: Option<&T>) -> bool {
         self.document.get(key).is_some() && before != Some(own)
     }
 
-    /// Refuses a key with a value of the user's own that is not the level's.
-    fn keep_to<T: PartialEq + Copy>(
+    /// Refuses a key with a value of the user's own that differs from the level's.
+    fn require_level_value<T: PartialEq + Copy>(
         &mut self,
         key: &str,
         own: T,
@@ -75,12 +78,12 @@ impl Change<'_> {
         show: impl Fn(T) -> String,
     ) {
         if own != after && self.is_own(key, &own, before.as_ref()) {
-            self.refuse(key, &show(own), &show(after));
+            self.refuse_key(key, &show(own), &show(after));
         }
     }
 
-    /// What of a job's gelpad stays; `None`: nothing but what the level stands for.
-    fn gelpad(&mut self, own: gelpad::Model, before: &Models, after: &Models) -> Option<gelpad::Model> {
+    /// Returns what stays of a job's gelpad; `None` if nothing but what the level chooses.
+    fn merge_gelpad(&mut self, own: gelpad::Model, before: &Models, after: &Models) -> Option<gelpad::Model> {
         use gelpad::Model::{Elastic, MeanBlur};
         match (own, &before.gelpad, &after.gelpad) {
             (Elastic(own), before, Elastic(after)) => {
@@ -90,46 +93,52 @@ impl Change<'_> {
                     format!("{:?}", serde_json::to_value(resolution).unwrap_or_default().as_str().unwrap_or_default())
                 };
                 let [own_grid, grid_after] = [own.resolution, after.resolution];
-                self.keep_to(&path("resolution"), own_grid, before.map(|b| b.resolution), grid_after, name);
+                self.require_level_value(&path("resolution"), own_grid, before.map(|b| b.resolution), grid_after, name);
                 let show = |value: f64| value.to_string();
                 let [own_um, after_um] = [own.tolerance_um, after.tolerance_um];
-                self.keep_to(&path("tolerance_um"), own_um, before.map(|b| b.tolerance_um), after_um, show);
+                self.require_level_value(&path("tolerance_um"), own_um, before.map(|b| b.tolerance_um), after_um, show);
                 let show = |value| f64::from(value).to_string();
                 let [own_most, most_after] = [own.max_iterations, after.max_iterations];
-                self.keep_to(&path("max_iterations"), own_most, before.map(|b| b.max_iterations), most_after, show);
+                self.require_level_value(
+                    &path("max_iterations"),
+                    own_most,
+                    before.map(|b| b.max_iterations),
+                    most_after,
+                    show,
+                );
                 Some(Elastic(gelpad::elastic::Elastic { friction: own.friction, ..*after }))
             }
             (Elastic(own), Elastic(_), after) => {
-                // Its pad knows no tractions.
+                // The level's pad has no tractions, and so no friction.
                 if own.friction.is_some() {
                     let of_level = format!("the gelpad model {}, which knows no friction", after.name());
-                    self.refuse("gelpad.elastic.friction", "that the pad is held", &of_level);
+                    self.refuse_key("gelpad.elastic.friction", "that the pad is held", &of_level);
                 }
                 None
             }
             (MeanBlur(own), before, MeanBlur(after)) if own != *after && MeanBlur(own) != *before => {
-                self.refuse("gelpad.mean_blur", "another blur", "that of the paper");
+                self.refuse_key("gelpad.mean_blur", "another blur", "that of the paper");
                 None
             }
             (own, before, after) if own.name() == before.name() || own.name() == after.name() => None,
             (own, _, after) => {
                 let models = [own.name(), after.name()].map(|name| format!("the model {name}"));
-                self.refuse("gelpad", &models[0], &models[1]);
+                self.refuse_key("gelpad", &models[0], &models[1]);
                 None
             }
         }
     }
 
-    fn optics(&mut self, mut own: optics::Model, before: &Models, after: &Models) -> optics::Model {
+    fn merge_optics(&mut self, mut own: optics::Model, before: &Models, after: &Models) -> optics::Model {
         let key = format!("optics.{}.shadows", own.name());
         let (Some(light), Some(after)) = (own.phong_mut(), after.optics.phong()) else { return own };
         let before = before.optics.phong().map(|before| before.shadows);
         match (light.shadows, after.shadows) {
             (own, _) if !self.is_own(&key, &own, before.as_ref()) => light.shadows = after.shadows,
             (Shadows::Soft(own), Shadows::Soft(after)) if own != after => {
-                self.refuse(&key, "another grid", "shadows on its own grid");
+                self.refuse_key(&key, "another grid", "shadows on its own grid");
             }
-            // Whether there are shadows is physics.
+            // Whether there are shadows at all is physics, and stays.
             _ => {}
         }
         own

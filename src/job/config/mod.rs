@@ -1,6 +1,6 @@
-//! The job file exactly as written: one file per table, serde types, and where each key stands.
+//! The job file as it is written: serde types, one file for each table, and the place of each key.
 //!
-//! Reading collects every mistake ([`gelsim_files::diagnostic`]); what values mean together is the plan's business.
+//! Reading collects every error ([`gelsim_files::diagnostic`]). Whether values fit together is checked by the plan.
 
 use std::io;
 use std::path::Path;
@@ -13,18 +13,18 @@ pub mod document;
 pub mod fidelity;
 pub mod gripper;
 mod guesses;
-mod lay;
 mod level;
+mod merge;
 pub mod object;
 pub mod output;
 pub mod random;
 mod reader;
 pub mod scene;
 pub mod sequence;
-mod slips;
+mod syntax_help;
 pub mod texture;
 
-use document::{Document, Node, Value};
+use document::{Document, TomlNode, TomlValue};
 use gelsim_core::effects::EffectPolicy;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::{gelpad, optics};
@@ -35,19 +35,19 @@ use gelsim_files::sensor::camera::CameraDistribution;
 use gelsim_files::sensor::markers::MarkerDistribution;
 use gelsim_files::sensor::random::SensorDistribution;
 use gelsim_files::sensor::{self, Sensor};
-use gelsim_files::spelling::shell_word;
-pub use guesses::{choice, is_guess_at, of_choice, whole};
-use lay::lay_over;
-pub use lay::{Laid, lay};
+use gelsim_files::spelling::quote_for_shell;
+pub use guesses::{format_integer, guess_choice, is_guess_at, suggest_choice};
+use merge::merge_document;
+pub use merge::{MergedDocument, read_merged};
 
-/// A job. Keys that are left out have the defaults named with each.
+/// A job. Keys that are left out have the default that is named with each.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Job {
-    /// Fidelity level, or what it is to be chosen by; fills the gelpad and optics choices that the job leaves
+    /// Fidelity level, or a bound by which it is chosen. It fills the gelpad and optics choices that the job leaves
     /// open.
     pub fidelity: Option<fidelity::FidelityChoice>,
-    /// Which effects run: those that a sample calls for, or all that there are.
+    /// Which effects run: those that a sample needs, or all of them.
     pub effects: EffectPolicy,
     /// Model of the gelpad's shape under the object.
     pub gelpad: Option<gelpad::Model>,
@@ -60,7 +60,7 @@ pub struct Job {
     /// The objects.
     #[schemars(required)]
     pub object: Vec<object::Object>,
-    /// How many objects are pressed in together; without it each sample has one.
+    /// How many objects are pressed in together; without it each sample has one object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<scene::Scene>,
     /// How the object is turned and placed.
@@ -84,35 +84,35 @@ pub struct Job {
     pub camera: CameraDistribution,
     /// What is written.
     pub output: output::Output,
-    /// What of the sensor is drawn anew for each sample; it stands where `sensor` has a typical value.
+    /// What is drawn anew of the sensor for each sample; `sensor` then has a typical value in its place.
     #[serde(skip)]
     pub random: SensorDistribution,
-    /// The presets of which each sample has one; `sensor`, `random`, `markers` and `camera` are those of the first.
+    /// The presets of which each sample gets one. `sensor`, `random`, `markers` and `camera` are those of the first.
     #[serde(skip)]
-    pub presets: Option<random::Presets>,
+    pub presets: Option<random::SensorPresets>,
 }
 
 impl Job {
-    /// Everything in it as a tree, as it would be written.
+    /// Returns everything in the job as a tree, as it would be written.
     pub fn to_json(&self) -> serde_json::Value {
         let mut tree =
             serde_json::to_value(self).expect("a job has string keys, and a job leaves no single effect out");
-        random::put_back(&self.random, &mut tree["sensor"]);
+        random::restore_distributions(&self.random, &mut tree["sensor"]);
         if let Some(gripper) = self.gripper.as_ref().filter(|gripper| gripper.right.is_some()) {
-            random::put_back(&gripper.right_random, &mut tree["gripper"]["right"]);
+            random::restore_distributions(&gripper.right_random, &mut tree["gripper"]["right"]);
         }
         if let Some(presets) = &self.presets {
-            presets.put_back(&mut tree);
+            presets.restore_into(&mut tree);
         }
         tree
     }
 
-    /// Its sensor as the simulator knows it, less what is in files.
-    pub fn bare_sensor(&self) -> gelsim_core::sensor::Sensor {
-        self.sensor.to_simulated(self.markers.as_ref(), &self.camera)
+    /// Returns the sensor of the simulator, without what is in files.
+    pub fn sensor_without_files(&self) -> gelsim_core::sensor::Sensor {
+        self.sensor.to_simulator_sensor(self.markers.as_ref(), &self.camera)
     }
 
-    /// Everything in it as text; paths as they are.
+    /// Formats everything in the job as TOML, with paths as they are.
     pub fn to_toml(&self) -> io::Result<String> {
         let right_is_constant = self.gripper.as_ref().is_none_or(|gripper| gripper.right_random.is_empty());
         if self.random.is_empty() && self.presets.is_none() && right_is_constant {
@@ -123,12 +123,12 @@ impl Job {
         toml::to_string(&tree).map_err(io::Error::other)
     }
 
-    /// How many objects a sample may have.
+    /// Returns how many objects a sample may have.
     pub fn objects_per_sample(&self) -> scene::Count {
         self.scene.map_or_else(scene::Count::default, |scene| scene.objects_per_sample)
     }
 
-    /// The paths of all files that it names.
+    /// Iterates over the paths of all files that the job names.
     pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
         let objects = self.object.iter_mut().flat_map(|object| {
             let textures = object.texture.iter_mut().flat_map(texture::TextureDistribution::paths_mut);
@@ -146,13 +146,13 @@ impl Job {
         objects.chain(textures).chain(left).chain(right)
     }
 
-    /// Its sensor with its markers and camera in it, as a sensor file has them.
-    pub fn whole_sensor(&self) -> Sensor {
+    /// Returns the sensor with its markers and camera, as a sensor file has them.
+    pub fn sensor_with_camera(&self) -> Sensor {
         Sensor { markers: self.markers.clone(), camera: Some(self.camera.clone()), ..self.sensor.clone() }
     }
 }
 
-/// The paths of all files that a sensor names, but those of which each sample has one.
+/// Iterates over the paths of all files that a sensor names, without the backgrounds of which each sample gets one.
 fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String> {
     let shape = match &mut sensor.rest_shape {
         Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
@@ -169,18 +169,18 @@ fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String> {
     shape.into_iter().chain(gel).chain(pins).chain(&mut sensor.background).chain(&mut sensor.calibration)
 }
 
-/// What the command line changes in a job.
+/// Changes of the command line to a job.
 #[derive(Clone, Debug, Default)]
 pub struct Overrides {
-    /// Dotted path and TOML value, as `--set` takes them, together with the flag that messages name.
+    /// Dotted path and TOML value, as `--set` takes them, each after the flag that messages name.
     pub set: Vec<(String, String)>,
-    /// Replaces the job's fidelity; what the job says of physics stays.
+    /// Level that replaces the job's fidelity; what the job says of physics stays.
     pub fidelity: Option<Fidelity>,
 }
 
 impl Overrides {
-    /// What the flags `--samples`, `--seed`, `--fidelity`, `--all-effects` and `--set` change.
-    pub fn of_flags(
+    /// Makes the overrides of the flags `--samples`, `--seed`, `--fidelity`, `--all-effects` and `--set`.
+    pub fn from_flags(
         samples: Option<u64>,
         seed: Option<u64>,
         fidelity: Option<Fidelity>,
@@ -198,45 +198,45 @@ impl Overrides {
     }
 }
 
-/// A job together with where its keys stand.
+/// A job that was read, with the places of its keys.
 #[derive(Clone, Debug)]
-pub struct Written {
+pub struct ParsedJob {
     /// The job, with defaults for what is not written or not readable.
     pub job: Job,
-    /// Every text it came from.
+    /// All its sources and the merged tree.
     pub document: Document,
-    /// The job's text is not TOML. What stands after a slip of syntax is a guess, so nothing else is said about it.
+    /// Whether the text is not TOML. What stands after a syntax error is uncertain, so nothing else is reported.
     pub broken: bool,
-    /// The sensor file or preset that the job names could be read.
+    /// Whether the sensor file or preset that the job names could be read.
     pub sensor_known: bool,
-    /// The job with the sensors of its other presets, where it names several.
-    pub others: Vec<(Job, Document)>,
-    /// The job with the sensor of a gripper's right finger, where it names one.
-    pub right: Option<(Job, Document)>,
+    /// The job with the sensor of each of its other presets, if it names several.
+    pub other_presets: Vec<(Job, Document)>,
+    /// The job with the sensor of a gripper's right finger, if it names one.
+    pub right_finger: Option<(Job, Document)>,
 }
 
-/// Reads the job file at `path` with `overrides` laid over it.
+/// Reads the job file at `path` with `overrides` merged over it.
 ///
-/// Mistakes of form (syntax, unknown keys, wrong types) are added to `problems`; what could be read is returned all
-/// the same, so that the plan finds the mistakes of meaning in one go. Fails only if there is no text at all.
-pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> Result<Written, Report> {
+/// Errors of form (syntax, unknown keys, wrong types) are added to `problems`. What could be read is returned all the
+/// same, so that the plan finds the errors of meaning in the same run. It fails only if there is no text at all.
+pub fn read_job(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> Result<ParsedJob, Report> {
     let name = path.display().to_string();
     if Format::from_path(path).is_some() {
         let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
         let help = format!(
             "gelsim inspect {} says what it is like; gelsim init --objects {} job.toml writes a job that presses it",
-            shell_word(path),
-            shell_word(folder)
+            quote_for_shell(path),
+            quote_for_shell(folder)
         );
         return Err(user_error(format!("{name} is a mesh, not a job"), help));
     }
-    let text = input::read(path, document::MOST_READ).map_err(|error| {
+    let text = input::read(path, document::MAX_READ_BYTES).map_err(|error| {
         let message = format!("{name}: cannot read the job: {error}");
         match path.is_dir() {
             true => user_error(message, "name the job file, which ends in .toml"),
             false if error.kind() == io::ErrorKind::NotFound => {
                 let jobs = |path: &Path| path.extension().is_some_and(|ending| ending == "toml");
-                let help = match input::meant(path, jobs) {
+                let help = match input::suggest_file_name(path, jobs) {
                     Some(name) => format!("did you mean {}?", path.with_file_name(name).display()),
                     None => String::from("gelsim init FILE.toml writes a job to start from"),
                 };
@@ -251,74 +251,82 @@ pub fn read(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) -> R
         user_error(format!("{name}: not UTF-8 at byte {valid}{utf16}"), "a job is a text in UTF-8: save it so")
     })?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    Ok(read_text(&name, text, folder, overrides, problems))
+    Ok(read_job_text(&name, text, folder, overrides, problems))
 }
 
-/// Reads a job from text; see [`read`].
-pub fn read_text(
+/// Reads a job from a text, as [`read_job`] does from a file.
+pub fn read_job_text(
     name: &str,
     text: String,
     folder: &Path,
     overrides: &Overrides,
     problems: &mut Diagnostics,
-) -> Written {
-    let laid = lay(name, text, folder, &overrides.set, problems);
-    written(laid, overrides, problems)
+) -> ParsedJob {
+    let merged = read_merged(name, text, folder, &overrides.set, problems);
+    to_parsed_job(merged, overrides, problems)
 }
 
-/// Reads a sensor by the name of its preset or the path of its file: a job that says no more than that, the values `given`
-/// at dotted paths, and what `overrides` say. Messages call it `--sensor`.
+/// Reads a sensor by the name of its preset or the path of its file, as a job that says only that, with the values
+/// `given` at dotted paths and with `overrides`. Messages call it `--sensor`.
 pub fn read_sensor(
     name: &str,
-    given: Vec<(&str, Value)>,
+    given: Vec<(&str, TomlValue)>,
     overrides: &Overrides,
     problems: &mut Diagnostics,
-) -> Written {
+) -> ParsedJob {
     let key = if sensor::PRESETS.iter().any(|(known, _)| *known == name) { "sensor.preset" } else { "sensor.file" };
-    read_named(key, name, given, overrides, problems)
+    read_named_sensor(key, name, given, overrides, problems)
 }
 
-/// Reads the sensor file at this path.
-pub fn read_sensor_file(path: &str, problems: &mut Diagnostics) -> Written {
-    read_named("sensor.file", path, Vec::new(), &Overrides::default(), problems)
+/// Reads the sensor file at this path, as a job that says only that.
+pub fn read_sensor_file(path: &str, problems: &mut Diagnostics) -> ParsedJob {
+    read_named_sensor("sensor.file", path, Vec::new(), &Overrides::default(), problems)
 }
 
-fn read_named(
+fn read_named_sensor(
     key: &str,
     name: &str,
-    given: Vec<(&str, Value)>,
+    given: Vec<(&str, TomlValue)>,
     overrides: &Overrides,
     problems: &mut Diagnostics,
-) -> Written {
-    let mut document = Document::of_flag("--sensor", name);
+) -> ParsedJob {
+    let mut document = Document::from_flag("--sensor", name);
     let place = document.root.place;
-    for (path, value) in [(key, Value::String(name.to_owned()))].into_iter().chain(given) {
+    for (path, value) in [(key, TomlValue::String(name.to_owned()))].into_iter().chain(given) {
         let path: Vec<String> = path.split('.').map(str::to_owned).collect();
-        document.set(&path, place, Node { place, value }).expect("nothing stands in the way of another key");
+        document.set(&path, place, TomlNode { place, value }).expect("nothing stands in the way of another key");
     }
-    let laid = lay_over(document, &overrides.set, problems);
-    written(laid, overrides, problems)
+    let merged = merge_document(document, &overrides.set, problems);
+    to_parsed_job(merged, overrides, problems)
 }
 
-fn written(laid: Laid<Job>, overrides: &Overrides, problems: &mut Diagnostics) -> Written {
-    let Laid { value: mut job, document, broken, sensor_known, others, right, presets } = laid;
+fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &mut Diagnostics) -> ParsedJob {
+    let MergedDocument {
+        value: mut job,
+        document,
+        broken,
+        sensor_known,
+        other_presets: others,
+        right_finger: right,
+        presets,
+    } = merged;
     if !broken {
         match overrides.fidelity {
-            Some(level) => level::replace(&mut job, &document, level, problems),
-            None => level::fill(&mut job, &document),
+            Some(level) => level::replace_level(&mut job, &document, level, problems),
+            None => level::fill_from_level(&mut job, &document),
         }
     }
     job.random = document.random.clone();
     job.presets = presets;
     let other = |job: &Job, (other, document): (Job, Document)| {
         let other = Job { random: document.random.clone(), ..other };
-        (random::with_sensor_of(job, other), document)
+        (random::replace_sensor(job, other), document)
     };
     let right = right.map(|right| other(&job, right));
     if let (Some(gripper), Some((right, _))) = (&mut job.gripper, &right) {
-        gripper.right = Some(Box::new(right.whole_sensor()));
+        gripper.right = Some(Box::new(right.sensor_with_camera()));
         gripper.right_random = right.random.clone();
     }
     let others = others.into_iter().map(|preset| other(&job, preset)).collect();
-    Written { job, document, broken, sensor_known, others, right }
+    ParsedJob { job, document, broken, sensor_known, other_presets: others, right_finger: right }
 }

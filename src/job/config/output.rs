@@ -10,20 +10,20 @@ use gelsim_files::exr::Exr;
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Output {
-    /// Layers written beside the tactile image.
+    /// Layers that are written beside the tactile image.
     pub layers: Vec<OutputLayer>,
     /// Format of float layers: depth, surface, normal, pressure.
     pub depth_format: DepthFormat,
-    /// How those are stored that are EXR pictures.
+    /// How layers are stored that are EXR images.
     pub exr: Exr,
-    /// What holds a shard's files.
+    /// Whether a shard is a tar or a folder.
     pub container: Container,
-    /// What becomes of a sample that is not finite, not within bounds or not solved.
+    /// What happens to a sample that is not finite, not within bounds or not solved.
     pub on_unhealthy: OnUnhealthy,
 }
 
 impl Output {
-    /// The layers that are written, each once, in the order of [`OutputLayer::ALL`].
+    /// Returns the layers that are written, each once, in the order of [`OutputLayer::ALL`].
     pub fn layers_in_order(&self) -> Vec<OutputLayer> {
         OutputLayer::ALL.into_iter().filter(|layer| self.layers.contains(layer)).collect()
     }
@@ -41,32 +41,32 @@ impl Default for Output {
     }
 }
 
-/// What becomes of an unhealthy sample.
+/// What happens to an unhealthy sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnUnhealthy {
-    /// It stays; its label says what is wrong.
+    /// It is kept; its label says what is wrong.
     #[default]
     Keep,
-    /// It is listed in the shard's stats, and the sample is drawn again, at most 100 times.
+    /// It is listed in the shard's stats and drawn again, at most 100 times.
     Reject,
     /// The run stops.
     Fail,
 }
 
-/// What holds a shard's files.
+/// Form of a shard.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Container {
     /// A tar, which WebDataset reads.
     #[default]
     Tar,
-    /// A folder with a metadata.jsonl, as the imagefolder of Hugging Face.
+    /// A folder with a metadata.jsonl, for Hugging Face's imagefolder.
     Folder,
 }
 
 impl Container {
-    /// Its name in jobs.
+    /// Returns the name in a job.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tar => "tar",

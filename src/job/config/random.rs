@@ -1,47 +1,48 @@
-//! What stands in `[sensor]` in place of constants: distributions of its numbers, and backgrounds to choose from.
+//! Random values in `[sensor]` in place of constants: distributions of its numbers, backgrounds and presets to choose
+//! from.
 //!
-//! The rest of the job is read as if each number were a typical one and the background the first; so `[sensor]` always
+//! The rest of the job is read with a typical value of each number and the first background. So `[sensor]` always
 //! describes one sensor, in the middle of those that samples have.
 
 use serde_json::{Value as Json, json};
 
 use super::Job;
-use super::document::{Document, Node, Value};
+use super::document::{Document, TomlNode, TomlValue};
 use super::reader;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::sensor::Sensor;
 use gelsim_files::sensor::quantity::Quantity;
 use gelsim_files::sensor::random::SensorDistribution;
 
-/// Takes what is random out of the document's sensor. The second value is the tree with constants in its place; none
-/// where nothing is.
-pub fn take(document: &Document, problems: &mut Diagnostics) -> (SensorDistribution, Option<Node>) {
+/// Takes what is random out of the document's sensor. The second value is the tree with constants in its place, or
+/// `None` if nothing is random.
+pub fn take_distributions(document: &Document, problems: &mut Diagnostics) -> (SensorDistribution, Option<TomlNode>) {
     let mut taken = SensorDistribution::default();
-    let mut constants: Vec<(String, Value)> = Vec::new();
+    let mut constants: Vec<(String, TomlValue)> = Vec::new();
     let leds = match document.get("sensor.led").map(|node| &node.value) {
-        Some(Value::Array(items)) => items.len(),
+        Some(TomlValue::Array(items)) => items.len(),
         _ => 0,
     };
     for (path, _) in Sensor::with_every_number(leds).numbers_mut() {
         let full = format!("sensor.{path}");
         let Some(node) = document.get(&full) else { continue };
-        if matches!(node.value, Value::Array(_) | Value::Table(_)) {
-            // What cannot be read is said; the number then stands for nothing.
-            let quantity = reader::read::<Quantity>(node, problems);
-            let typical = quantity.as_ref().map_or(0.0, Quantity::typical);
-            constants.push((full, Value::Float(typical)));
+        if matches!(node.value, TomlValue::Array(_) | TomlValue::Table(_)) {
+            // If it cannot be read, that is reported, and any number will do in its place.
+            let quantity = reader::read_node::<Quantity>(node, problems);
+            let typical = quantity.as_ref().map_or(0.0, Quantity::typical_value);
+            constants.push((full, TomlValue::Float(typical)));
             taken.numbers.extend(quantity.map(|quantity| (path, quantity)));
         }
     }
     if let Some(node) = document.get("sensor.background") {
         let has_hash = document.get("sensor.background_sha256").is_some_and(|node| node.as_str().is_some());
         let several = match &node.value {
-            Value::Array(_) => reader::read::<Vec<String>>(node, problems),
-            // With a hash it is one file, whatever its name.
-            Value::String(text) if text.contains(['*', '?', '[']) && !has_hash => Some(vec![text.clone()]),
+            TomlValue::Array(_) => reader::read_node::<Vec<String>>(node, problems),
+            // With a hash it is one file, even if its name looks like a pattern.
+            TomlValue::String(text) if text.contains(['*', '?', '[']) && !has_hash => Some(vec![text.clone()]),
             _ => None,
         };
-        let is_list = matches!(node.value, Value::Array(_));
+        let is_list = matches!(node.value, TomlValue::Array(_));
         taken.backgrounds = several.unwrap_or_default();
         if is_list {
             if taken.backgrounds.is_empty() {
@@ -49,13 +50,15 @@ pub fn take(document: &Document, problems: &mut Diagnostics) -> (SensorDistribut
                 problems.push(problem.help("name at least one file, or leave `background` out"));
             }
             let first = taken.backgrounds.first().cloned().unwrap_or_default();
-            constants.push((String::from("sensor.background"), Value::String(first)));
+            constants.push((String::from("sensor.background"), TomlValue::String(first)));
         }
     }
-    if let Some(node) = document.get("sensor.background_sha256").filter(|node| matches!(node.value, Value::Array(_))) {
-        taken.background_sha256 = reader::read(node, problems).unwrap_or_default();
+    if let Some(node) =
+        document.get("sensor.background_sha256").filter(|node| matches!(node.value, TomlValue::Array(_)))
+    {
+        taken.background_sha256 = reader::read_node(node, problems).unwrap_or_default();
         let first = taken.background_sha256.first().cloned().unwrap_or_default();
-        constants.push((String::from("sensor.background_sha256"), Value::String(first)));
+        constants.push((String::from("sensor.background_sha256"), TomlValue::String(first)));
     }
     let plain = (!constants.is_empty()).then(|| {
         let mut root = document.root.clone();
@@ -69,7 +72,7 @@ pub fn take(document: &Document, problems: &mut Diagnostics) -> (SensorDistribut
 }
 
 /// Puts what is random back into a job's `[sensor]`, so that it is as it was written.
-pub fn put_back(random: &SensorDistribution, sensor: &mut Json) {
+pub fn restore_distributions(random: &SensorDistribution, sensor: &mut Json) {
     for (path, quantity) in &random.numbers {
         let place = sensor.pointer_mut(&format!("/{}", path.replace('.', "/")));
         *place.expect("every number of a sensor is written out") = json!(quantity);
@@ -80,52 +83,54 @@ pub fn put_back(random: &SensorDistribution, sensor: &mut Json) {
     }
 }
 
-/// The presets of which each sample has one, and what the job says of the sensor, whichever it is.
+/// The presets of which each sample gets one, and what the job itself says of the sensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Presets {
-    /// Their names, at least two.
+pub struct SensorPresets {
+    /// Names of the presets, at least two.
     pub names: Vec<String>,
-    /// `[sensor]`, `[markers]` and `[camera]` as they are written, without what the presets say.
+    /// `[sensor]`, `[markers]` and `[camera]` as they are written, without what the presets add.
     written: Json,
 }
 
-/// Tables in which presets say something.
+/// The tables in which presets say something.
 const TABLES: [&str; 3] = ["sensor", "markers", "camera"];
 
-impl Presets {
-    /// Takes a list of presets out of the document, whose sensor then is the first one. `None` where there is no list.
-    pub fn take(document: &mut Document, problems: &mut Diagnostics) -> Option<Vec<(Self, Document)>> {
+impl SensorPresets {
+    /// Takes a list of presets out of the document, whose sensor is then the first one. Returns each preset with a
+    /// document of its own, or `None` if there is no list.
+    pub fn take_from(document: &mut Document, problems: &mut Diagnostics) -> Option<Vec<(Self, Document)>> {
         let node = document.get("sensor.preset")?.clone();
-        let Value::Array(items) = &node.value else { return None };
+        let TomlValue::Array(items) = &node.value else { return None };
         if items.is_empty() {
             let problem = Diagnostic::new("the list of presets is empty").at(node.place);
             problems.push(problem.help("name at least one, or leave `preset` out"));
         }
-        let names: Vec<String> = reader::read(&node, problems).unwrap_or_default();
+        let names: Vec<String> = reader::read_node(&node, problems).unwrap_or_default();
         let mut written = Json::Object(Default::default());
         for name in TABLES {
             if let Some(table) = document.get(name) {
-                written[name] = plain(table);
+                written[name] = to_json(table);
             }
         }
-        let of_preset = |(name, item): (&String, &Node)| {
+        let of_preset = |(name, item): (&String, &TomlNode)| {
             let mut own = document.clone();
-            set_preset(&mut own, Node { place: item.place, value: Value::String(name.clone()) });
+            set_preset(&mut own, TomlNode { place: item.place, value: TomlValue::String(name.clone()) });
             (Self { names: names.clone(), written: written.clone() }, own)
         };
         let all: Vec<(Self, Document)> = names.iter().zip(items).map(of_preset).collect();
         match all.first() {
             Some((_, first)) => *document = first.clone(),
-            // Said above.
-            None => {
-                set_preset(document, Node { place: node.place, value: Value::String(String::from("gelsight-2014")) })
-            }
+            // The empty list was reported above.
+            None => set_preset(
+                document,
+                TomlNode { place: node.place, value: TomlValue::String(String::from("gelsight-2014")) },
+            ),
         }
         Some(all)
     }
 
-    /// Puts what is written in place of the first preset's sensor, with the files and hashes that were found.
-    pub fn put_back(&self, job: &mut Json) {
+    /// Replaces the first preset's sensor in the job by what is written, with the files and hashes that were found.
+    pub fn restore_into(&self, job: &mut Json) {
         let found = job["sensor"].take();
         for name in TABLES {
             match self.written.get(name) {
@@ -150,38 +155,38 @@ impl Presets {
     }
 }
 
-fn set_preset(document: &mut Document, node: Node) {
+fn set_preset(document: &mut Document, node: TomlNode) {
     let place = node.place;
     let path = ["sensor", "preset"].map(str::to_owned);
     document.set(&path, place, node).expect("nothing stands in the way of a key that is there");
 }
 
-/// A tree without places, keys sorted.
-fn plain(node: &Node) -> Json {
+/// Converts a tree to JSON, without places and with sorted keys.
+fn to_json(node: &TomlNode) -> Json {
     match &node.value {
-        Value::Bool(truth) => json!(truth),
-        Value::Integer(number) => json!(number),
-        Value::Float(number) => json!(number),
-        Value::String(text) => json!(text),
-        // No key takes one.
-        Value::Datetime => Json::Null,
-        Value::Array(items) => items.iter().map(plain).collect(),
-        Value::Table(entries) => {
+        TomlValue::Bool(truth) => json!(truth),
+        TomlValue::Integer(number) => json!(number),
+        TomlValue::Float(number) => json!(number),
+        TomlValue::String(text) => json!(text),
+        // No key takes a date, so it never gets here.
+        TomlValue::Datetime => Json::Null,
+        TomlValue::Array(items) => items.iter().map(to_json).collect(),
+        TomlValue::Table(entries) => {
             let mut sorted: Vec<(&String, Json)> =
-                entries.iter().map(|entry| (&entry.key, plain(&entry.node))).collect();
+                entries.iter().map(|entry| (&entry.key, to_json(&entry.node))).collect();
             sorted.sort_by_key(|(key, _)| *key);
             sorted.into_iter().map(|(key, value)| (key.clone(), value)).collect()
         }
     }
 }
 
-/// A job with the sensor of another preset.
-pub fn with_sensor_of(job: &Job, other: Job) -> Job {
+/// Returns a job with the sensor of another preset.
+pub fn replace_sensor(job: &Job, other: Job) -> Job {
     let Job { sensor, random, markers, camera, .. } = other;
     Job { sensor, random, markers, camera, ..job.clone() }
 }
 
-/// TOML has no word for nothing.
+/// Removes all nulls, which TOML cannot express.
 pub fn drop_nulls(tree: &mut Json) {
     match tree {
         Json::Object(entries) => {

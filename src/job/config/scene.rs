@@ -1,4 +1,4 @@
-//! `[scene]`, `[pose]`, `[indentation]` and `[shear]`: how many objects meet the pad, and how.
+//! `[scene]`, `[pose]`, `[indentation]` and `[shear]`: how many objects are pressed in, and how.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::de::{self, Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 
-use gelsim_core::base::rng::Stream;
+use gelsim_core::base::rng::RandomStream;
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::pose::{Anchor, Side};
 use gelsim_files::sensor::quantity::Quantity;
@@ -15,45 +15,46 @@ use gelsim_files::sensor::quantity::Quantity;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scene {
-    /// How many objects are pressed in together, 1 to 32: a whole number, or a range of them from which each sample draws its own.
+    /// Number of objects that are pressed in together, 1 to 32: a whole number, or a range from which each sample draws
+    /// its own.
     pub objects_per_sample: Count,
 }
 
 /// A whole number, or a range of whole numbers that are equally likely.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Count {
-    /// The smallest.
-    pub least: u32,
-    /// The largest.
-    pub most: u32,
+    /// The smallest number.
+    pub min: u32,
+    /// The largest number.
+    pub max: u32,
 }
 
 impl Default for Count {
     fn default() -> Self {
-        Self { least: 1, most: 1 }
+        Self { min: 1, max: 1 }
     }
 }
 
 impl Count {
-    /// One of them; there must be one.
-    pub fn sample(self, stream: &mut Stream) -> u32 {
-        self.least + stream.below((self.most - self.least + 1) as usize) as u32
+    /// Draws one of the numbers. The range must not be empty.
+    pub fn sample(self, stream: &mut RandomStream) -> u32 {
+        self.min + stream.uniform_below((self.max - self.min + 1) as usize) as u32
     }
 }
 
 impl Serialize for Count {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self.least == self.most {
-            true => self.least.serialize(serializer),
-            false => [self.least, self.most].serialize(serializer),
+        match self.min == self.max {
+            true => self.min.serialize(serializer),
+            false => [self.min, self.max].serialize(serializer),
         }
     }
 }
 
 impl<'de> Deserialize<'de> for Count {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Written;
-        impl<'de> Visitor<'de> for Written {
+        struct CountVisitor;
+        impl<'de> Visitor<'de> for CountVisitor {
             type Value = Count;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -62,21 +63,21 @@ impl<'de> Deserialize<'de> for Count {
 
             fn visit_i64<E: de::Error>(self, value: i64) -> Result<Count, E> {
                 let count = u32::try_from(value).map_err(|_| E::invalid_value(de::Unexpected::Signed(value), &self))?;
-                Ok(Count { least: count, most: count })
+                Ok(Count { min: count, max: count })
             }
 
             fn visit_u64<E: de::Error>(self, value: u64) -> Result<Count, E> {
                 let count =
                     u32::try_from(value).map_err(|_| E::invalid_value(de::Unexpected::Unsigned(value), &self))?;
-                Ok(Count { least: count, most: count })
+                Ok(Count { min: count, max: count })
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, items: A) -> Result<Count, A::Error> {
                 let [least, most] = <[u32; 2]>::deserialize(de::value::SeqAccessDeserializer::new(items))?;
-                Ok(Count { least, most })
+                Ok(Count { min: least, max: most })
             }
         }
-        deserializer.deserialize_any(Written)
+        deserializer.deserialize_any(CountVisitor)
     }
 }
 
@@ -95,21 +96,21 @@ pub struct Pose {
     /// In place of tilt and its azimuth: a turn about the sensor's x, degrees, -90 to 90.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub roll_deg: Option<Quantity>,
-    /// Then one about the sensor's y, degrees, -90 to 90.
+    /// After roll, a turn about the sensor's y, degrees, -90 to 90.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pitch_deg: Option<Quantity>,
-    /// On a gel that has a shape: the place at which the object is pressed, mm over the gel from its tip. The object is then
-    /// posed as on a flat pad that touches the gel there, its x away from the tip and its y around the gel.
+    /// For a gel with a shape: the place at which the object is pressed, mm over the gel from its tip. The object is
+    /// then posed as on a flat pad that touches the gel there, with its x away from the tip and its y around the gel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub from_tip_mm: Option<Quantity>,
-    /// The direction from the tip to that place, degrees from the sensor's x towards its y.
+    /// Direction from the tip to the place of `from_tip_mm`, degrees from the sensor's x towards its y.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub around_deg: Option<Quantity>,
     /// Position along x, mm from the middle of the image.
     pub x_mm: Quantity,
     /// Position along y, mm from the middle of the image.
     pub y_mm: Quantity,
-    /// The point of the turned object that x_mm and y_mm place.
+    /// The point of the turned object that is placed at x_mm and y_mm.
     pub anchor: Anchor,
 }
 
@@ -134,10 +135,10 @@ impl Default for Pose {
 /// Side of an object.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Face {
-    /// One of the six, each as likely as the others.
+    /// One of the six sides, each as likely as the others.
     #[serde(rename = "any")]
     Any,
-    /// The one with the most relief, of each object its own.
+    /// The side with the most relief, chosen for each object.
     #[serde(rename = "auto")]
     Auto,
     /// The side towards +x.
@@ -162,13 +163,14 @@ pub enum Face {
 }
 
 impl Face {
-    /// One of the six sides for [`Face::Any`], the object's `richest` for [`Face::Auto`], else the side itself.
-    pub fn sample(self, richest: Option<Side>, stream: &mut Stream) -> Side {
-        self.side().or(richest).unwrap_or_else(|| Side::ALL[stream.below(Side::ALL.len())])
+    /// Returns one of the six sides for [`Face::Any`], the object's `richest` side for [`Face::Auto`], and else the
+    /// side itself.
+    pub fn pick_side(self, richest: Option<Side>, stream: &mut RandomStream) -> Side {
+        self.side().or(richest).unwrap_or_else(|| Side::ALL[stream.uniform_below(Side::ALL.len())])
     }
 
-    /// As a side is written in jobs.
-    pub fn of(side: Side) -> Self {
+    /// Returns the choice for a single side.
+    pub fn from_side(side: Side) -> Self {
         match side {
             Side::PlusX => Self::PlusX,
             Side::MinusX => Self::MinusX,
@@ -179,7 +181,7 @@ impl Face {
         }
     }
 
-    /// The side, if it is one.
+    /// Returns the side, or `None` for a choice that is made per sample or object.
     pub fn side(self) -> Option<Side> {
         match self {
             Self::Any | Self::Auto => None,
@@ -192,7 +194,7 @@ impl Face {
         }
     }
 
-    /// As it is written in jobs.
+    /// Returns the name in a job.
     pub fn name(self) -> &'static str {
         match self {
             Self::Any => "any",
@@ -211,13 +213,13 @@ impl Face {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Indentation {
-    /// How deep the object reaches below the undeformed pad, mm; 0 to the pad's thickness.
+    /// Depth of the object below the undeformed pad, mm; 0 to the pad's thickness.
     #[schemars(required)]
     pub depth_mm: Option<Quantity>,
-    /// Where that is measured.
+    /// Where the depth is measured.
     #[serde(skip_serializing_if = "At::is_lowest")]
     pub at: At,
-    /// Share of samples in which the object stays just above the pad, 0 to 1.
+    /// Fraction of samples in which the object stays just above the pad, 0 to 1.
     pub no_contact: f64,
 }
 
@@ -228,8 +230,8 @@ pub enum At {
     /// At the object's lowest point.
     #[default]
     Lowest,
-    /// Where the object is on the sensor's axis, so that depth and tilt are independent. A draw that puts it beside the axis
-    /// is not healthy.
+    /// Where the object is on the sensor's axis, so that depth and tilt are independent. A draw in which the object
+    /// misses the axis is not healthy.
     Axis,
 }
 
@@ -243,19 +245,19 @@ impl At {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Shear {
-    /// Along x, mm.
+    /// Motion along x, mm.
     pub x_mm: Quantity,
-    /// Along y, mm.
+    /// Motion along y, mm.
     pub y_mm: Quantity,
-    /// About the point that the pose places, degrees, from x towards y.
+    /// Turn about the point that the pose places, degrees, from x towards y.
     pub twist_deg: Quantity,
-    /// What the pad does under it.
+    /// Whether the pad sticks to the object or slips under it.
     pub friction: Friction,
 }
 
 impl Shear {
-    /// True if any sample may move its object.
-    pub fn any(&self) -> bool {
+    /// Returns true if the object may move in any sample.
+    pub fn has_motion(&self) -> bool {
         [&self.x_mm, &self.y_mm, &self.twist_deg].iter().any(|quantity| quantity.support() != (0.0, 0.0))
     }
 }

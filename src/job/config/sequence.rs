@@ -9,11 +9,11 @@ use gelsim_files::sensor::quantity::Quantity;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sequence {
-    /// Frames a second, above 0 to 10000. Frame k is taken k + 1 frame times after the start.
+    /// Frames per second, above 0 to 10000. Frame k is taken k + 1 frame times after the start.
     pub frame_rate_hz: f64,
-    /// What holds the pad to the object, drawn once for each sequence.
+    /// Friction between the pad and the object, drawn once for each sequence.
     pub friction: SequenceFriction,
-    /// What happens, one phase after the other; the object begins just touching the pad.
+    /// Phases of the motion, one after the other. The object begins just touching the pad.
     #[schemars(required)]
     pub phase: Vec<Phase>,
 }
@@ -24,13 +24,13 @@ impl Default for Sequence {
     }
 }
 
-/// What holds the pad to the object in a sequence.
+/// Friction between the pad and the object in a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SequenceFriction {
     /// Nothing slips.
     Stick,
-    /// Slips where the traction would be larger than this multiple of the pressure, 0 to 10.
+    /// The pad slips where the traction would be larger than this multiple of the pressure, 0 to 10.
     Coefficient(Quantity),
 }
 
@@ -44,22 +44,24 @@ impl Default for SequenceFriction {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Phase {
-    /// Its name in labels.
+    /// Name of the phase in labels.
     #[schemars(required)]
     pub name: Option<String>,
-    /// How long it takes, s, 0 to 3600.
+    /// Duration, s, 0 to 3600.
     pub duration_s: Quantity,
-    /// Indentation depth at its end, mm; below 0 the object is above the pad. Without this and `force_n` the depth stays.
+    /// Indentation depth at the end of the phase, mm; below 0 the object is above the pad. Without this and `force_n`
+    /// the depth does not change.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_mm: Option<Quantity>,
-    /// Normal force at its end, N, in place of `depth_mm`: the depth is found. Of a gripper that of each finger.
+    /// Normal force at the end of the phase, N, in place of `depth_mm`: the depth that gives it is searched for. With a
+    /// gripper it is the force of each finger.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub force_n: Option<Quantity>,
-    /// Of a gripper, in place of `force_n`: distance between the undeformed pads at its end, mm.
+    /// With a gripper, in place of `force_n`: distance between the undeformed pads at the end of the phase, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub width_mm: Option<Quantity>,
-    /// Of a gripper, in place of `force_n`: how much closer the pads are at its end than the object is wide, mm; below 0 they are
-    /// off the object.
+    /// With a gripper, in place of `force_n`: how much closer the pads are than the object is wide at the end of the
+    /// phase, mm; below 0 they do not touch the object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub squeeze_mm: Option<Quantity>,
     /// Motion of the object along x in this phase, mm.
@@ -72,11 +74,11 @@ pub struct Phase {
     pub tilt_deg: Quantity,
     /// Direction of the tilt's axis, degrees from x towards y.
     pub tilt_azimuth_deg: Quantity,
-    /// How the motion goes with time.
+    /// How the motion proceeds with time.
     pub profile: Profile,
 }
 
-/// How a motion goes with time.
+/// How a motion proceeds with time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
@@ -88,8 +90,8 @@ pub enum Profile {
 }
 
 impl Profile {
-    /// Share of the way after the share `time` of the duration, each 0 to 1.
-    pub fn way(self, time: f64) -> f64 {
+    /// Returns the fraction of the motion that is done after the fraction `time` of the duration, each from 0 to 1.
+    pub fn progress_at(self, time: f64) -> f64 {
         match self {
             Self::Linear => time,
             Self::Smooth => (time * time * time * (10.0 + time * (6.0 * time - 15.0))).clamp(0.0, 1.0),

@@ -13,16 +13,16 @@ use gelsim_files::sensor::quantity::Quantity;
 pub struct TextureDistribution {
     /// Patterns of which each sample draws one, each as likely as the others.
     pub patterns: Vec<Pattern>,
-    /// How far valleys lie below peaks, mm, 0 or more; 0 is no texture.
+    /// Depth of the valleys below the peaks, mm, 0 or more; 0 means no texture.
     pub amplitude_mm: Quantity,
-    /// The pattern's scale, mm, above 0: see the patterns.
+    /// Scale of the pattern, mm, above 0; its meaning depends on the pattern.
     pub scale_mm: Quantity,
     /// Turn of the pattern on the object about z, degrees, from x towards y.
     pub angle_deg: Quantity,
 }
 
 impl TextureDistribution {
-    /// The paths of the files that it names.
+    /// Iterates over the paths of the files that the patterns name.
     pub fn paths_mut(&mut self) -> impl Iterator<Item = &mut String> {
         self.patterns.iter_mut().filter_map(|pattern| match pattern {
             Pattern::Image(image) => Some(&mut image.path),
@@ -42,7 +42,7 @@ impl Default for TextureDistribution {
     }
 }
 
-/// What is cut into the surface.
+/// A pattern that is cut into the surface.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Pattern {
@@ -64,8 +64,8 @@ pub enum Pattern {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImagePattern {
-    /// A grey PNG of 8 or 16 bits, a two-dimensional npy array or an EXR picture of one channel, relative to the file this
-    /// stands in; the largest value is the peak. Floats are from 0 to 1.
+    /// A grey PNG of 8 or 16 bits, a two-dimensional npy array or an EXR image of one channel, relative to the file
+    /// this stands in. The largest value is the peak. Floats are from 0 to 1.
     pub path: String,
     /// SHA-256 of the file in lower-case hex; if given, another content is refused.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -73,8 +73,8 @@ pub struct ImagePattern {
 }
 
 impl Pattern {
-    /// The pattern that is computed; `None` for an image.
-    pub fn procedural(&self) -> Option<Procedural> {
+    /// Returns the pattern if it is computed, or `None` for an image.
+    pub fn to_procedural(&self) -> Option<Procedural> {
         match self {
             Self::Noise => Some(Procedural::Noise),
             Self::Brushed => Some(Procedural::Brushed),
@@ -85,7 +85,7 @@ impl Pattern {
         }
     }
 
-    /// Its name in jobs and labels.
+    /// Returns the name in jobs and labels.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Noise => "noise",

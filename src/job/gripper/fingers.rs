@@ -1,8 +1,8 @@
-//! Two fingers and the object between them: drawn, and searched for the balance.
+//! The two fingers of a draw and the object between them, as the search for the balance sees them.
 
 use std::sync::Arc;
 
-use super::balance::{Finger, Hold};
+use super::balance::{FingerModel, GripBalance};
 use super::label::{GripperLabel, TransformLabel};
 use crate::label::PoseLabel;
 use crate::plan::Plan;
@@ -11,33 +11,33 @@ use gelsim_core::gelpad;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::simulator::Simulator;
 
-/// Of the contact solver's tolerance, the share to which the object's place between the fingers is found.
-const PLACE: f64 = 0.1;
+/// Tolerance of the object's place between the fingers, as a fraction of the contact solver's tolerance.
+const PLACE_TOLERANCE: f64 = 0.1;
 
-/// The left and the right finger of a sample.
-pub struct Fingers<'a> {
-    /// Their plans.
+/// The left and the right finger of a draw.
+pub struct FingerPair<'a> {
+    /// Plans of the fingers.
     pub plans: [&'a Plan; 2],
-    /// The object as each sees it, just touching its pad.
+    /// The object in the frame of each finger, just touching its pad.
     pub scenes: [Scene; 2],
-    /// Their sensors.
+    /// Simulators of the fingers.
     pub simulators: [Arc<Simulator>; 2],
-    /// What is between them.
+    /// The object between them.
     pub object: Arc<Clusters>,
-    /// Its width along the closing axis, mm.
+    /// Width of the object along the closing axis, mm.
     pub object_width_mm: f64,
 }
 
-impl<'a> Fingers<'a> {
-    /// Those of a draw of sample `index`; `plan` is that of the draw.
+impl<'a> FingerPair<'a> {
+    /// Draws the fingers and the object of sample `index`; `plan` is that of the draw.
     pub fn draw(plan: &'a Plan, index: u64, attempt: u32) -> Self {
-        let plans = [plan, plan.right()];
+        let plans = [plan, plan.right_finger()];
         let left = Scene::draw(plan, index, attempt);
-        let right = left.faced(plans[1]);
+        let right = left.seen_from_finger(plans[1]);
         let simulators = [left.simulator(plans[0]), right.simulator(plans[1])];
         let object = left.clusters.clone().expect("an object is drawn");
         let scenes = [left, right];
-        // Heights of the lowest points over one plane, in which both frames have their origin.
+        // Heights of the lowest points of both sides over a common plane, in which both frames have their origin.
         let [towards_left, towards_right] = scenes.each_ref().map(|scene| {
             let mut pose = scene.pose;
             pose.translation_mm.z = 0.0;
@@ -46,13 +46,18 @@ impl<'a> Fingers<'a> {
         Self { plans, scenes, simulators, object, object_width_mm: 0.0 - towards_left - towards_right }
     }
 
-    /// Searches for the balance by the normal force (N; NaN where it is not known) of finger 0 or 1 at a depth (mm).
-    pub fn search<T>(&self, force_n: &dyn Fn(usize, f64) -> f64, search: impl FnOnce([&Finger<'_>; 2]) -> T) -> T {
+    /// Runs a search for the balance. `force_n` gives the normal force, N, of finger 0 or 1 at a depth, mm; NaN if it
+    /// is not known.
+    pub fn search_balance<T>(
+        &self,
+        force_n: &dyn Fn(usize, f64) -> f64,
+        search: impl FnOnce([&FingerModel<'_>; 2]) -> T,
+    ) -> T {
         let forces = [0, 1].map(|k| move |depth_mm: f64| force_n(k, depth_mm));
         let fingers = [0, 1].map(|k| {
             let material = self.simulators[k].sensor().gelpad;
             let ratio = material.poisson_ratio;
-            Finger {
+            FingerModel {
                 force_n: &forces[k],
                 thickness_mm: material.thickness_mm,
                 modulus_kpa: material.youngs_modulus_kpa / (1.0 - ratio * ratio),
@@ -61,21 +66,21 @@ impl<'a> Fingers<'a> {
         search(fingers.each_ref())
     }
 
-    /// How well the object's place is to be known, mm.
-    pub fn place_mm(&self) -> f64 {
+    /// Returns the tolerance of the object's place, mm.
+    pub fn place_tolerance_mm(&self) -> f64 {
         let tolerance_um = |simulator: &Arc<Simulator>| match &simulator.models().gelpad {
             gelpad::Model::Elastic(elastic) => elastic.tolerance_um,
-            // Refused by the plan.
+            // The plan refuses all models but this one for a gripper.
             model => unreachable!("{} knows no force", model.name()),
         };
-        PLACE * 1e-3 * self.simulators.iter().map(tolerance_um).fold(0.0, f64::max)
+        PLACE_TOLERANCE * 1e-3 * self.simulators.iter().map(tolerance_um).fold(0.0, f64::max)
     }
 
-    /// How the object is held, with the normal forces of both fingers, N, and the first moments of their pressures, N mm, where
-    /// these are known. `left` is the object's pose in the left finger's frame.
-    pub fn describe(
+    /// Describes how the object is held. `forces_n` are the normal forces of both fingers, N, and `moments_nmm` the
+    /// first moments of their pressures, N mm, each if known. `left` is the object's pose in the left finger's frame.
+    pub fn describe_grip(
         &self,
-        hold: &Hold,
+        hold: &GripBalance,
         left: &PoseLabel,
         forces_n: [Option<f64>; 2],
         moments_nmm: [Option<[f64; 2]>; 2],
@@ -92,7 +97,8 @@ impl<'a> Fingers<'a> {
             right_frame: frame([0.0, 1.0, 0.0, 0.0]),
             force_n: both.map(|(left, right)| 0.5 * (left + right)),
             residual_n: both.map(|(left, right)| left - right),
-            // The left pad pushes along +z, r x f = (y f, -x f); the right one along -z, at -x of its own.
+            // The left pad pushes along +z: r x f = (y f, -x f). The right one pushes along -z, and its own x is the
+            // opposite of the gripper's.
             torque_nmm: moments_nmm[0]
                 .zip(moments_nmm[1])
                 .map(|([x, y], [facing_x, facing_y])| [y - facing_y, 0.0 - x - facing_x].map(|nmm| nmm + 0.0)),
@@ -102,8 +108,8 @@ impl<'a> Fingers<'a> {
     }
 }
 
-/// Why forces that were to be equal are not; nothing if they are.
-pub fn unbalanced(hold: &Hold, forces_n: [Option<f64>; 2]) -> Option<String> {
+/// Says why the forces are not equal, or returns `None` if they are.
+pub fn explain_imbalance(hold: &GripBalance, forces_n: [Option<f64>; 2]) -> Option<String> {
     (!hold.balanced).then(|| match forces_n {
         [Some(left), Some(right)] => {
             format!("the forces of the fingers are not in balance: {left:.4} N on the left, {right:.4} N on the right")

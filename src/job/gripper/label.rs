@@ -1,5 +1,5 @@
-//! The label of a grip, and of a sequence of one: what holds for both fingers, how the object is held, and what each finger feels
-//! of it.
+//! The labels of a grip and of a sequence of grips: what holds for both fingers, how the object is held, and what each
+//! finger feels.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -12,9 +12,9 @@ use crate::label::{
 use crate::sequence::label::{CommonLabel, FrameLabel, SequenceInfo, SequenceLabel, SlipState};
 use crate::steps::Steps;
 use gelsim_core::camera::CameraParams;
-use gelsim_core::effects::{Effect, Note, PerEffect};
+use gelsim_core::effects::{Effect, EffectNote, PerEffect};
 
-/// What is known about a grip.
+/// Label of a grip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripLabel {
     /// Which sample it is, and of what.
@@ -22,10 +22,10 @@ pub struct GripLabel {
     pub header: LabelHeader,
     /// Micro relief of the object.
     pub texture: TextureLabel,
-    /// What it was simulated with.
+    /// The models by which it was simulated.
     #[serde(flatten)]
     pub models: ModelsLabel,
-    /// How it is held.
+    /// How the object is held.
     pub gripper: GripperLabel,
     /// What the left finger feels.
     pub left: FingerLabel,
@@ -33,37 +33,37 @@ pub struct GripLabel {
     pub right: FingerLabel,
 }
 
-/// How an object is held. The gripper's frame has its origin in the middle between the undeformed pads, z from the left pad to
-/// the right one, and x and y as the left finger's image has them: right and down.
+/// How an object is held. The gripper's frame has its origin in the middle between the undeformed pads, z from the left
+/// pad to the right one, and x and y as in the left finger's image: right and down.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripperLabel {
     /// Distance between the undeformed pads, mm.
     pub width_mm: f64,
-    /// Width of the object along z as it is turned, mm: less the gripper's width, the indentation depths of both fingers
-    /// together.
+    /// Width of the object along z in its pose, mm. The gripper's width is this less the sum of the indentation depths
+    /// of both fingers.
     pub object_width_mm: f64,
-    /// Where the object is: p = R (scale q) + t takes a point q of the mesh (mm) to the gripper's frame (mm). The angles are
-    /// those of the left finger.
+    /// Pose of the object: p = R (scale q) + t takes a point q of the mesh (mm) to the gripper's frame (mm). The angles
+    /// are those of the left finger.
     pub pose: PoseLabel,
-    /// From the gripper's frame to the left finger's.
+    /// Transform from the gripper's frame to the left finger's.
     pub left_frame: TransformLabel,
-    /// From the gripper's frame to the right finger's: half a turn about y.
+    /// Transform from the gripper's frame to the right finger's: half a turn about y.
     pub right_frame: TransformLabel,
-    /// Normal force of each finger, the mean of both, N; null if one is not known.
+    /// Normal force of each finger, as the mean of both, N; null if one of them is not known.
     pub force_n: Option<f64>,
-    /// Normal force of the left finger less that of the right one, N; null likewise.
+    /// Normal force of the left finger less that of the right one, N; null if one of them is not known.
     pub residual_n: Option<f64>,
-    /// Torque of both fingers' normal forces on the object about x and y, N mm, which a gripper would have to hold; null if the
-    /// pressure of one goes on beyond what is simulated of it.
+    /// Torque of both fingers' normal forces on the object about x and y, N mm, which a gripper would have to hold;
+    /// null if the pressure of one finger extends beyond what was simulated.
     pub torque_nmm: Option<[f64; 2]>,
-    /// True if the forces are equal within a thousandth, or the place where they are is known within a tenth of the contact
-    /// solver's tolerance.
+    /// True if the forces are equal within a thousandth, or if the place where they are is known within a tenth of the
+    /// contact solver's tolerance.
     pub balanced: bool,
-    /// Contacts that were solved to find it.
+    /// Number of contacts that were solved to find the balance.
     pub presses: u32,
 }
 
-/// From one frame to another: p' = R p + t.
+/// Transform from one frame to another: p' = R p + t.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TransformLabel {
     /// Rotation R as a unit quaternion x, y, z, w.
@@ -72,15 +72,15 @@ pub struct TransformLabel {
     pub translation_mm: [f64; 3],
 }
 
-/// What a finger feels, as the label of a press has it.
+/// What a finger feels, with the keys of a press's label.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FingerLabel {
-    /// Where the object is in this finger's frame: p = R (scale q) + t. The angles are to the object as this finger meets it:
-    /// the right finger after half a turn about y.
+    /// Pose of the object in this finger's frame: p = R (scale q) + t. The angles describe the object as this finger
+    /// meets it; for the right finger that is after half a turn about y.
     pub pose: PoseLabel,
-    /// How deep the object's point that is lowest over this pad reaches below it, mm.
+    /// Depth below the undeformed pad of the object's point that is lowest over this pad, mm.
     pub indentation_depth_mm: f64,
-    /// How the object was moved in this pad's plane.
+    /// Motion of the object in this pad's plane.
     pub shear: ShearLabel,
     /// The sensor.
     pub sensor: SensorLabel,
@@ -90,13 +90,13 @@ pub struct FingerLabel {
     pub markers: MarkersLabel,
     /// The camera.
     pub camera: CameraParams,
-    /// For each effect whether it ran and why or why not.
-    pub effects: PerEffect<Note>,
-    /// How well the gelpad model solved its problem, and how far the light is from what was measured.
+    /// For each effect whether it ran, and why or why not.
+    pub effects: PerEffect<EffectNote>,
+    /// How well the gelpad model solved its problem, and how much of the light is extrapolated.
     pub numerics: NumericsLabel,
-    /// What a check of the finger's image and contact found, and of the balance.
+    /// Result of the check of the finger's image and contact, and of the balance.
     pub health: Health,
-    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    /// Scales of 16-bit layers; all 0 if `output.depth_format` is another.
     pub png16: Steps,
 }
 
@@ -109,7 +109,7 @@ impl FingerLabel {
 }
 
 impl GripLabel {
-    /// Of what presses of both fingers would be labelled.
+    /// Makes the label of a grip from the labels that presses of both fingers would have.
     pub fn new(gripper: GripperLabel, left: Label, right: Label) -> Self {
         Self {
             header: left.header.clone(),
@@ -121,25 +121,25 @@ impl GripLabel {
         }
     }
 
-    /// Both fingers, with their names.
+    /// Returns both fingers, with their names.
     pub fn fingers(&self) -> [(&'static str, &FingerLabel); 2] {
         [("left", &self.left), ("right", &self.right)]
     }
 
-    /// One label for what counts whole samples, see `merged`.
+    /// Returns one label that stands for the complete grip, as `merge_labels` makes it.
     pub fn summary(&self) -> Label {
-        let [left, right] = [&self.left, &self.right].map(|finger| self.of_finger(finger));
-        merged(left, right)
+        let [left, right] = [&self.left, &self.right].map(|finger| self.finger_label(finger));
+        merge_labels(left, right)
     }
 
-    /// The label of a press into one finger.
-    fn of_finger(&self, finger: &FingerLabel) -> Label {
+    /// Returns the label of a press into one finger.
+    fn finger_label(&self, finger: &FingerLabel) -> Label {
         let finger = finger.clone();
         Label {
             header: self.header.clone(),
             pose: finger.pose,
             indentation_depth_mm: finger.indentation_depth_mm,
-            // A gripper holds one.
+            // A gripper holds a single object.
             objects: Vec::new(),
             unplaced_objects: 0,
             texture: self.texture.clone(),
@@ -157,9 +157,9 @@ impl GripLabel {
     }
 }
 
-/// One label of both fingers': that of the finger with the larger contact; healthy and solved if both are, with the effects that
-/// ran in either.
-fn merged(left: Label, right: Label) -> Label {
+/// Merges the labels of both fingers: that of the finger with the larger contact, healthy and converged only if both
+/// are, and with the effects that ran in either.
+fn merge_labels(left: Label, right: Label) -> Label {
     let converged = left.numerics.converged && right.numerics.converged;
     let ill = [("left", &left), ("right", &right)].into_iter().find(|(_, finger)| !finger.health.healthy);
     let ill = ill.map(|(name, finger)| (format!("{name} finger: {}", finger.health.reason), finger.health.clone()));
@@ -176,7 +176,7 @@ fn merged(left: Label, right: Label) -> Label {
     most
 }
 
-/// What is known about a sequence of a gripper.
+/// Label of a sequence of grips.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripSequenceLabel {
     /// Which sample it is, and of what.
@@ -184,14 +184,14 @@ pub struct GripSequenceLabel {
     pub header: LabelHeader,
     /// Micro relief of the object.
     pub texture: TextureLabel,
-    /// What it was simulated with.
+    /// The models by which it was simulated.
     #[serde(flatten)]
     pub models: ModelsLabel,
-    /// What happens.
+    /// Course of the sequence.
     pub sequence: GripSequenceInfo,
-    /// The left finger, whatever the frame.
+    /// What holds for the left finger in all frames.
     pub left: MovingFingerLabel,
-    /// The right finger, whatever the frame.
+    /// What holds for the right finger in all frames.
     pub right: MovingFingerLabel,
     /// The frames, in their order.
     pub frames: Vec<GripFrameLabel>,
@@ -204,16 +204,16 @@ pub struct MovingFingerLabel {
     pub sensor: SensorLabel,
     /// The camera.
     pub camera: CameraParams,
-    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    /// Scales of 16-bit layers; all 0 if `output.depth_format` is another.
     pub png16: Steps,
 }
 
-/// What happens in a sequence of a gripper.
+/// Course of a sequence of grips.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripSequenceInfo {
-    /// Frames a second.
+    /// Frames per second.
     pub frame_rate_hz: f64,
-    /// How many there are.
+    /// Number of frames.
     pub frames: u32,
     /// Coefficient of friction between each pad and the object; null if nothing slips.
     pub friction_coefficient: Option<f64>,
@@ -225,37 +225,37 @@ pub struct GripSequenceInfo {
     pub phases: Vec<GripPhaseLabel>,
 }
 
-/// A phase of a sequence of a gripper.
+/// A phase of a sequence of grips.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripPhaseLabel {
-    /// Its name.
+    /// Name of the phase.
     pub name: String,
-    /// s.
+    /// Duration, s.
     pub duration_s: f64,
     /// Number of its first frame; that of the next phase if it is shorter than a frame.
     pub first_frame: u32,
-    /// How many it has.
+    /// Number of its frames.
     pub frames: u32,
-    /// Distance between the undeformed pads at its end, mm.
+    /// Distance between the undeformed pads at the end of the phase, mm.
     pub width_mm: f64,
-    /// Normal force of each finger that was wanted at its end, N; 0 if none was.
+    /// Normal force of each finger that was wanted at the end of the phase, N; 0 if none was.
     pub force_n: f64,
     /// Motion of the object in the gripper's x and y, mm.
     pub shift_mm: [f64; 2],
-    /// Turn from x towards y, degrees.
+    /// Turn of the object from x towards y, degrees.
     pub twist_deg: f64,
 }
 
-/// A frame of a sequence of a gripper.
+/// A frame of a sequence of grips.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GripFrameLabel {
-    /// Its number.
+    /// Number of the frame.
     pub index: u32,
-    /// When it was taken, s after the start.
+    /// Time of the frame after the start, s.
     pub t_s: f64,
     /// Name of the phase that it is in.
     pub phase: String,
-    /// How the object is held; its forces are those of `wrench`.
+    /// How the object is held. Its forces are those of `wrench`.
     pub gripper: GripperLabel,
     /// What the left finger feels.
     pub left: FrameLabel,
@@ -264,7 +264,7 @@ pub struct GripFrameLabel {
 }
 
 impl GripSequenceLabel {
-    /// From the labels that presses of the first frame would have.
+    /// Makes the label of a sequence from the labels that presses of its first frame would have, and from its frames.
     pub fn new([left, right]: [Label; 2], mut sequence: GripSequenceInfo, frames: Vec<GripFrameLabel>) -> Self {
         let when = |wanted: &dyn Fn(SlipState, SlipState) -> bool| {
             let found = frames.iter().find(|frame| wanted(frame.left.slip.state, frame.right.slip.state));
@@ -288,12 +288,13 @@ impl GripSequenceLabel {
         }
     }
 
-    /// Both fingers, with their names.
+    /// Returns both fingers, with their names.
     pub fn fingers(&self) -> [(&'static str, &MovingFingerLabel); 2] {
         [("left", &self.left), ("right", &self.right)]
     }
 
-    /// One label for what counts whole samples: that of each finger's sequence, merged; `None` without frames.
+    /// Returns one label that stands for the complete sequence: the summaries of both fingers, merged. Returns `None`
+    /// without frames.
     pub fn summary(&self) -> Option<Label> {
         let of_finger = |moving: &MovingFingerLabel, own: fn(&GripFrameLabel) -> &FrameLabel| {
             let common = CommonLabel {
@@ -307,6 +308,6 @@ impl GripSequenceLabel {
             };
             SequenceLabel { common, frames: self.frames.iter().map(own).cloned().collect() }.summary()
         };
-        Some(merged(of_finger(&self.left, |frame| &frame.left)?, of_finger(&self.right, |frame| &frame.right)?))
+        Some(merge_labels(of_finger(&self.left, |frame| &frame.left)?, of_finger(&self.right, |frame| &frame.right)?))
     }
 }

@@ -1,8 +1,9 @@
-//! A grip of a plan: one object between two fingers, drawn at random, balanced between them, pressed into both, described.
+//! Renders grips of a plan: one object between two fingers is drawn at random, balanced between them, pressed into both
+//! pads, and labelled.
 //!
-//! The gripper's frame has its origin in the middle between the undeformed pads, z from the left pad to the right one. The left
-//! finger's frame is parallel to it; the right finger's is turned half about y, so that y is down in both images and x the
-//! opposite way. The object is free along z and held as the pose turns it.
+//! The gripper's frame has its origin in the middle between the undeformed pads, with z from the left pad to the right
+//! one. The left finger's frame is parallel to it. The right finger's frame is turned by half a turn about y, so that y
+//! is down in both images and x is reversed. The object is free along z and held in its pose otherwise.
 
 use std::sync::Arc;
 
@@ -11,9 +12,9 @@ use crate::config::output::OnUnhealthy;
 use crate::label::Label;
 use crate::placing::NO_CONTACT_GAP_MM;
 use crate::plan::Plan;
-use crate::sample::{self, MOST_ATTEMPTS, Sample, Unfit};
+use crate::sample::{self, MAX_ATTEMPTS, RejectedSample, Sample};
 use crate::scene::Scene;
-use gelsim_core::base::clock::{Clock, Seconds};
+use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::rng;
 use gelsim_core::effects::{Effect, PerEffect};
 use gelsim_core::gelpad::Contact;
@@ -24,43 +25,43 @@ mod fingers;
 pub mod label;
 pub mod sequence;
 
-use balance::{Hold, gripped, squeezed};
-use fingers::{Fingers, unbalanced};
+use balance::{GripBalance, balance_force, balance_squeeze};
+use fingers::{FingerPair, explain_imbalance};
 use label::GripLabel;
 
-/// Names of the fingers, which begin the names of their files.
-pub const FINGERS: [&str; 2] = ["left", "right"];
+/// Names of the fingers. The names of their files begin with them.
+pub const FINGER_NAMES: [&str; 2] = ["left", "right"];
 
-/// A grip, rendered.
+/// A rendered grip.
 pub struct Grip {
     /// What the left and the right finger feel. Their labels are those of presses.
     pub fingers: [Sample; 2],
-    /// What is known of it.
+    /// Label of the grip.
     pub label: GripLabel,
-    /// The same in one.
+    /// One label that stands for both fingers; see [`GripLabel::summary`].
     pub summary: Label,
     /// CPU seconds of both fingers.
     pub seconds: Seconds,
-    /// The same of each effect.
+    /// CPU seconds of each effect, in both fingers.
     pub effects: PerEffect<f64>,
 }
 
-/// A grip that may go into the dataset, and the draws of it that may not.
-pub struct Accepted {
+/// A grip that may go into the dataset, and the rejected draws before it.
+pub struct AcceptedGrip {
     /// The grip.
     pub grip: Grip,
-    /// What was drawn before it and rejected.
+    /// Labels of the draws before it that were rejected.
     pub rejected: Vec<Label>,
 }
 
 /// How far the fingers close.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Closing {
-    /// To a distance between the undeformed pads, mm.
+    /// To this distance between the undeformed pads, mm.
     Width(f64),
-    /// By so much more than the object is wide, mm.
+    /// To this much less than the object's width, mm.
     Squeeze(f64),
-    /// To a normal force of each finger, N.
+    /// To this normal force of each finger, N.
     Force(f64),
 }
 
@@ -76,43 +77,47 @@ impl Closing {
     }
 }
 
-/// Renders grip `index` as it is drawn after `attempt` draws were rejected.
+/// Renders grip `index` as it is drawn after `attempt` rejected draws.
 pub fn render(plan: &Plan, index: u64, attempt: u32) -> Grip {
-    let plan = plan.of_sample(index, attempt);
-    let mut clock = Clock::start();
+    let plan = plan.for_sample(index, attempt);
+    let mut clock = ThreadClock::start();
     let gripper = plan.job().gripper.as_ref().expect("a job of a gripper");
-    let pair = Fingers::draw(plan, index, attempt);
+    let pair = FingerPair::draw(plan, index, attempt);
     let closing = Closing::draw(gripper, |name, quantity| {
-        quantity.sample(&mut rng::stream(plan.seed(), name, rng::redrawn(index, attempt)))
+        quantity.sample(&mut rng::random_stream(plan.seed(), name, rng::redraw_index(index, attempt)))
     });
     let draw_s = clock.lap();
 
     let force_n = |k: usize, depth_mm: f64| {
-        let press = pair.scenes[k].at_depth(depth_mm).press(pair.plans[k]);
+        let press = pair.scenes[k].at_depth(depth_mm).to_press(pair.plans[k]);
         pair.simulators[k].total_force_n(&press).unwrap_or(f64::NAN)
     };
-    let touches = Scene::touches(plan, index, attempt);
-    let mut hold = pair.search(&force_n, |fingers| match closing {
-        _ if !touches => Hold::open(NO_CONTACT_GAP_MM),
-        Closing::Width(width_mm) => squeezed(fingers, pair.object_width_mm - width_mm, pair.place_mm(), None),
-        Closing::Squeeze(squeeze_mm) => squeezed(fingers, squeeze_mm, pair.place_mm(), None),
-        Closing::Force(newtons) => gripped(fingers, newtons),
+    let touches = Scene::should_touch(plan, index, attempt);
+    let mut hold = pair.search_balance(&force_n, |fingers| match closing {
+        _ if !touches => GripBalance::open(NO_CONTACT_GAP_MM),
+        Closing::Width(width_mm) => {
+            balance_squeeze(fingers, pair.object_width_mm - width_mm, pair.place_tolerance_mm(), None)
+        }
+        Closing::Squeeze(squeeze_mm) => balance_squeeze(fingers, squeeze_mm, pair.place_tolerance_mm(), None),
+        Closing::Force(newtons) => balance_force(fingers, newtons),
     });
+    // The search is part of the gelpad's work, so its time counts to that stage.
     let search_s = clock.lap();
 
     let mut fingers = [0, 1].map(|k| {
         let scene = pair.scenes[k].at_depth(hold.depth_mm[k]);
-        sample::press_with(pair.plans[k], &scene, Arc::clone(&pair.simulators[k]))
+        sample::press_with_simulator(pair.plans[k], &scene, Arc::clone(&pair.simulators[k]))
     });
-    let mut clock = Clock::start();
+    let mut clock = ThreadClock::start();
     let forces_n = fingers.each_ref().map(|finger| finger.impression.contact.total.total_force_n);
+    // Without both forces nothing says that they are in balance.
     hold.balanced &= forces_n.iter().all(Option::is_some);
-    let reason = hold.missed.take().or_else(|| unbalanced(&hold, forces_n));
-    fingers.iter_mut().for_each(|finger| not_healthy(&mut finger.label, reason.as_deref()));
-    let moments = fingers
-        .each_ref()
-        .map(|finger| moment(&finger.impression.contact, finger.simulator.sensor().gelpad.youngs_modulus_kpa));
-    let gripper = pair.describe(&hold, &fingers[0].label.pose, forces_n, moments);
+    let reason = hold.failure.take().or_else(|| explain_imbalance(&hold, forces_n));
+    fingers.iter_mut().for_each(|finger| mark_unhealthy(&mut finger.label, reason.as_deref()));
+    let moments = fingers.each_ref().map(|finger| {
+        pressure_moment_nmm(&finger.impression.contact, finger.simulator.sensor().gelpad.youngs_modulus_kpa)
+    });
+    let gripper = pair.describe_grip(&hold, &fingers[0].label.pose, forces_n, moments);
     let label = GripLabel::new(gripper, fingers[0].label.clone(), fingers[1].label.clone());
     let mut seconds = Seconds { scene: draw_s, gelpad: search_s, label: clock.lap(), ..Seconds::default() };
     let mut effects = PerEffect::<f64>::default();
@@ -125,8 +130,9 @@ pub fn render(plan: &Plan, index: u64, attempt: u32) -> Grip {
     Grip { summary: label.summary(), fingers, label, seconds, effects }
 }
 
-/// Renders grip `index`, again and again if the plan rejects unhealthy ones. Stages of rejected draws count in its seconds.
-pub fn accept(plan: &Plan, index: u64) -> Result<Accepted, Unfit> {
+/// Renders grip `index`, again and again if the plan rejects unhealthy ones. The CPU time of rejected draws counts in
+/// its seconds.
+pub fn accept_grip(plan: &Plan, index: u64) -> Result<AcceptedGrip, RejectedSample> {
     let mut rejected: Vec<Label> = Vec::new();
     let mut grip = render(plan, index, 0);
     loop {
@@ -134,27 +140,29 @@ pub fn accept(plan: &Plan, index: u64) -> Result<Accepted, Unfit> {
         match plan.output().on_unhealthy {
             _ if grip.summary.health.healthy => break,
             OnUnhealthy::Keep => break,
-            OnUnhealthy::Reject if again < MOST_ATTEMPTS => {}
-            OnUnhealthy::Reject | OnUnhealthy::Fail => return Err(Unfit(Box::new(grip.summary))),
+            OnUnhealthy::Reject if again < MAX_ATTEMPTS => {}
+            OnUnhealthy::Reject | OnUnhealthy::Fail => return Err(RejectedSample(Box::new(grip.summary))),
         }
         let next = render(plan, index, again);
         let before = std::mem::replace(&mut grip, next);
         grip.seconds.add(&before.seconds);
         rejected.push(before.summary);
     }
-    Ok(Accepted { grip, rejected })
+    Ok(AcceptedGrip { grip, rejected })
 }
 
-/// Says of a finger that is healthy by itself why the grip is not.
-fn not_healthy(label: &mut Label, reason: Option<&str>) {
+/// Marks a finger that is healthy by itself as unhealthy, with the reason that concerns the grip. Does nothing without
+/// a reason.
+fn mark_unhealthy(label: &mut Label, reason: Option<&str>) {
     if let Some(reason) = reason.filter(|_| label.health.healthy) {
         label.health.healthy = false;
         label.health.reason = reason.to_owned();
     }
 }
 
-/// First moment of a pad's pressure, along x and y of its own, N mm; `None` where some of it is beyond what was captured.
-fn moment(contact: &Contact, modulus_kpa: f64) -> Option<[f64; 2]> {
+/// Computes the first moment of a pad's pressure along its own x and y, N mm. Returns `None` if some of the pressure
+/// lies beyond what was captured.
+fn pressure_moment_nmm(contact: &Contact, modulus_kpa: f64) -> Option<[f64; 2]> {
     let Some(load) = &contact.load else { return contact.force_n.filter(|force| *force == 0.0).map(|_| [0.0; 2]) };
     let mut sums = [0.0; 3];
     for y in 0..load.pressure.height {
@@ -166,9 +174,9 @@ fn moment(contact: &Contact, modulus_kpa: f64) -> Option<[f64; 2]> {
             sums[2] += pressure;
         }
     }
-    // kPa mm^2 are mN.
-    let newtons = 1e-3 * contact.stiffened * modulus_kpa * load.mm_per_px[0] * load.mm_per_px[1];
-    let whole = contact.total.total_force_n?;
-    let captured = (newtons * sums[2] - whole).abs() <= 1e-3 * whole;
+    // 1 kPa mm^2 is 1 mN.
+    let newtons = 1e-3 * contact.stiffening_factor * modulus_kpa * load.mm_per_px[0] * load.mm_per_px[1];
+    let total = contact.total.total_force_n?;
+    let captured = (newtons * sums[2] - total).abs() <= 1e-3 * total;
     captured.then(|| [newtons * sums[0], newtons * sums[1]])
 }

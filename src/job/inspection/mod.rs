@@ -1,21 +1,21 @@
-//! What can be said of a mesh before it is pressed, held against a sensor's pad: what `gelsim inspect` prints and what every
-//! command that takes a job says of its meshes.
+//! Inspects a mesh before it is pressed, compared with a sensor's pad. `gelsim inspect` prints the result, and every
+//! command that takes a job reports it for its meshes.
 
 use serde::Serialize;
 
 use gelsim_core::base::view::View;
 use gelsim_core::mesh::Mesh;
-use gelsim_files::length::is_plausible;
+use gelsim_files::length::is_plausible_length;
 use gelsim_files::sensor::quantity::Quantity;
 use gelsim_files::sensor::{PRESETS, Sensor};
 
 pub mod findings;
 pub mod sides;
 
-/// The sensor that a mesh is held against.
+/// The pad with which a mesh is compared.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SensorPad {
-    /// The preset's name.
+    /// Name of the sensor.
     pub sensor: String,
     /// Width and height of the image, px.
     pub resolution_px: [usize; 2],
@@ -25,21 +25,21 @@ pub struct SensorPad {
     pub mm_per_px: [f64; 2],
     /// Thickness of the pad, mm.
     pub thickness_mm: f64,
-    /// How deep sides are pressed to see what touches, mm: 1, or half of a thinner pad.
+    /// Depth to which sides are pressed to see what touches, mm: 1, or half the thickness of a thinner pad.
     pub press_mm: f64,
 }
 
-/// The largest extent that there may be, mm: positions in a job reach as far.
-pub const LARGEST_MM: f64 = 1e4;
+/// The largest extent of a mesh, mm. Positions in a job reach as far.
+pub const MAX_EXTENT_MM: f64 = 1e4;
 
 impl SensorPad {
-    /// The preset with this name, if there is one.
-    pub fn preset(name: &str) -> Option<Self> {
+    /// Returns the pad of a preset, or `None` if there is no preset of this name.
+    pub fn from_preset(name: &str) -> Option<Self> {
         let (_, text) = PRESETS.iter().find(|(preset, _)| *preset == name)?;
         Some(Self::new(&toml::from_str(text).ok()?))
     }
 
-    /// A sensor's pad.
+    /// Returns the pad of a sensor.
     pub fn new(sensor: &Sensor) -> Self {
         let resolution_px = sensor.resolution_px.map(|px| px.max(1) as usize);
         let field_of_view_mm = sensor.field_of_view_mm;
@@ -53,37 +53,37 @@ impl SensorPad {
         }
     }
 
-    /// The larger distance between pixel centres, mm.
-    pub fn pixel_mm(&self) -> f64 {
+    /// Returns the larger of the distances between pixel centres along x and y, mm.
+    pub fn pixel_size_mm(&self) -> f64 {
         self.mm_per_px[0].max(self.mm_per_px[1])
     }
 
-    /// The view with every pixel divided into `by` times `by`.
-    fn camera(&self, by: usize) -> View {
+    /// Returns the view with every pixel divided into `by` times `by`.
+    fn subdivided_view(&self, by: usize) -> View {
         View { resolution_px: self.resolution_px.map(|px| px * by), mm_per_px: self.mm_per_px.map(|mm| mm / by as f64) }
     }
 }
 
-/// How large a mesh is, and where it is.
+/// The size and place of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshSize {
     /// Extents along x, y and z, mm.
     pub size_mm: [f64; 3],
-    /// Centre of its bounding box, mm.
+    /// Centre of the bounding box, mm.
     pub centre_mm: [f64; 3],
-    /// Farthest that a vertex is from that centre, mm.
+    /// Distance of the farthest vertex from that centre, mm.
     pub radius_mm: f64,
-    /// Millimetres that a coordinate of 1 was taken for.
+    /// The millimetres of a coordinate of 1 with which it was read.
     pub mm_per_unit: f64,
-    /// What says that it is so large, behind the length, if anything does: the file, or a key of the job.
+    /// What states the size, as words to stand after the length: the file, or a key of the job. `None` if nothing does.
     pub known_from: Option<&'static str>,
 }
 
 impl MeshSize {
-    /// That of a mesh.
+    /// Measures a mesh.
     pub fn new(mesh: &Mesh, mm_per_unit: f64, states_its_unit: bool) -> Self {
         let known_from = states_its_unit.then_some("as its file says");
-        // The bounding box is centred on zero.
+        // A mesh is centred: its bounding box has its middle at zero.
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
         let square = |vertex: &[f32; 3]| vertex.iter().map(|at| f64::from(*at) * f64::from(*at)).sum::<f64>();
         Self {
@@ -95,28 +95,29 @@ impl MeshSize {
         }
     }
 
-    /// The largest extent, mm.
-    pub fn largest_mm(&self) -> f64 {
+    /// Returns the largest extent, mm.
+    pub fn largest_extent_mm(&self) -> f64 {
         self.size_mm.into_iter().fold(0.0, f64::max)
     }
 
-    /// The same under a scale: of its range the end that fits the pad, else the upper one.
+    /// Returns the size under a scale. Of a range of scales it is the lower end if that fits the pad, else the upper
+    /// end.
     pub fn scaled(&self, scale: &Quantity, pad: &SensorPad) -> Self {
         let (least, most) = scale.support();
-        let fits = is_plausible(least * self.largest_mm(), pad.field_of_view_mm);
+        let fits = is_plausible_length(least * self.largest_extent_mm(), pad.field_of_view_mm);
         let scale = if fits { least } else { most };
         let [size_mm, centre_mm] = [self.size_mm, self.centre_mm].map(|lengths| lengths.map(|mm| scale * mm));
-        // What a coordinate is goes along, so that what it would be in another unit is scaled, too.
+        // The unit stays. The coordinates are scaled, and so the size in another unit would be.
         Self { size_mm, centre_mm, radius_mm: scale * self.radius_mm, mm_per_unit: self.mm_per_unit, ..*self }
     }
 
-    /// True if its coordinates were divided by its size, as sets for learning do: the longest side, the box's diagonal or the
-    /// sphere around it is 1 or 2. How large it was, nothing says.
+    /// Returns true if the coordinates were divided by the mesh's size, as data sets for learning do: the longest side,
+    /// the box's diagonal or the diameter of the sphere around it is 1 or 2. The real size is then unknown.
     pub fn is_normalised(&self) -> bool {
-        /// Of 1, to which coordinates are rounded when they are written.
+        /// Relative tolerance, since coordinates are rounded when they are written.
         const NEAR: f64 = 5e-3;
         let diagonal_mm = self.size_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt();
-        let lengths = [self.largest_mm(), diagonal_mm, 2.0 * self.radius_mm];
+        let lengths = [self.largest_extent_mm(), diagonal_mm, 2.0 * self.radius_mm];
         let is_unit = |mm: f64| [1.0, 2.0].iter().any(|unit| (mm / self.mm_per_unit / unit - 1.0).abs() < NEAR);
         self.known_from.is_none() && lengths.into_iter().any(is_unit)
     }

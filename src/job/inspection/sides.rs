@@ -1,8 +1,8 @@
-//! The six sides of an object as a sensor captures them, level and in the middle of the view.
+//! Captures the six sides of an object as a sensor would, level and in the middle of the view.
 //!
-//! Each side is captured on a grid three times as fine as the sensor's, of which every third point is a pixel's centre.
-//! What stands out by less than two pixels across is found by a morphological opening (Serra 1982) of the depth map
-//! with a disc two pixels wide: it takes off just what the disc does not fit into.
+//! Each side is captured on a grid three times as fine as the sensor's; every third point is a pixel's centre. Parts
+//! that stand out by less than two pixels across are found by a morphological opening (Serra 1982) of the depth map
+//! with a disc two pixels wide, which removes exactly those parts into which the disc does not fit.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -11,7 +11,7 @@ use super::SensorPad;
 use crate::config::scene::Face;
 use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::simd::simd_dispatch;
-use gelsim_core::depth::{Depth, Window, capture};
+use gelsim_core::depth::{CaptureWindow, Depth, capture_mesh};
 use gelsim_core::mesh::cleaning::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Anchor;
@@ -19,51 +19,53 @@ use gelsim_core::pose::{Angles, Pose};
 
 /// One side of an object, pressed into the pad.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Side {
+pub struct SideReport {
     /// The side that faces the pad.
     pub face: Face,
     /// Extents of its outline along the image's x and y, mm.
     pub outline_mm: [f64; 2],
-    /// The same in pixels.
+    /// Extents of its outline along the image's x and y, px.
     pub outline_px: [f64; 2],
-    /// The outline fits into the view.
+    /// Whether the outline fits into the view.
     pub fits: bool,
     /// Fraction of the view's pixels with the object over them.
     #[serde(rename = "view_share")]
     pub view_fraction: f64,
     /// The first of `bounds` and `contact` with which something touches in the middle of the view; null if nothing does
-    /// with either. All that follows is measured there.
+    /// with either. The following values are measured with it.
     pub anchor: Option<Anchor>,
-    /// The lowest point is in view, and yet no pixel's centre meets what would touch.
+    /// Whether the lowest point is in view and yet no pixel's centre meets what would touch.
     pub slips: bool,
-    /// Pixels that the object reaches when it is pressed by [`SensorPad::press_mm`].
+    /// Number of pixels that the object reaches when it is pressed by [`SensorPad::press_mm`].
     pub touching_px: usize,
-    /// The same as a fraction of the view.
+    /// Fraction of the view that the object reaches.
     #[serde(rename = "touching_share")]
     pub touching_fraction: f64,
-    /// Heights over the lowest point of what is in view within the pad's thickness: least and largest, mm; null if there
+    /// Least and largest height over the lowest point of what is in view within the pad's thickness, mm; null if there
     /// is nothing.
     pub relief_mm: Option<[f64; 2]>,
-    /// Fraction of what touches that stands out by less than two pixels across; 0 to 1.
+    /// Fraction, 0 to 1, of what touches that stands out by less than two pixels across.
     #[serde(rename = "thin_share")]
     pub thin_fraction: f64,
 }
 
-/// The sides, in the order of docs and tables.
+/// The sides, in the order of tables.
 pub const FACES: [Face; 6] = [Face::MinusX, Face::PlusX, Face::MinusY, Face::PlusY, Face::MinusZ, Face::PlusZ];
 
 /// Points of the fine grid per pixel, along x and along y.
-const FINER: usize = 3;
+const FINE_GRID_FACTOR: usize = 3;
 
-/// What the opening takes off, as a fraction of the press, for a point to count as thin: edges are blunted a little.
+/// How much the opening must remove for a point to count as thin, as a fraction of the press. Edges are always blunted
+/// a little.
 const BLUNTING: f64 = 0.05;
 
-/// The most rows per capture with which sides are captured: about half a second at the sensor's resolution.
-pub const MOST_ROWS: f64 = 1.5e7;
+/// The most pixel rows per capture for which sides are captured: about half a second at the sensor's resolution.
+pub const MAX_ROWS: f64 = 1.5e7;
 
-/// Rows of the sensor's pixels that the triangles fill in the mean capture of a side in the middle of the view.
-pub fn rows(mesh: &Mesh, pad: &SensorPad) -> f64 {
-    // The object's axes along the image's x and y; opposite sides have them in common but for their signs.
+/// Returns the number of pixel rows that triangles fill in a capture of a side in the middle of the view, as the mean
+/// of the six sides.
+pub fn count_capture_rows(mesh: &Mesh, pad: &SensorPad) -> f64 {
+    // The object's axes along the image's x and y. Opposite sides have the same ones but for signs.
     const AXES: [[usize; 2]; 3] = [[2, 1], [0, 2], [0, 1]];
     let half = pad.field_of_view_mm.map(|mm| (mm / 2.0) as f32);
     let mut mm = 0.0;
@@ -82,18 +84,19 @@ pub fn rows(mesh: &Mesh, pad: &SensorPad) -> f64 {
     mm / pad.mm_per_px[1] / AXES.len() as f64
 }
 
-/// Captures all sides of an object of this size.
-pub fn sides(object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Vec<Side> {
-    FACES.into_par_iter().map(|face| side(face, object, size_mm, pad)).collect()
+/// Captures all sides of an object of this size, mm.
+pub fn capture_sides(object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Vec<SideReport> {
+    FACES.into_par_iter().map(|face| capture_side(face, object, size_mm, pad)).collect()
 }
 
-fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Side {
+fn capture_side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> SideReport {
     let pose = |anchor| {
         let level = Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
         Pose::new(face.side().expect("one of the six sides"), level, [0.0; 2], anchor, -pad.press_mm, object)
     };
     let rows = pose(Anchor::Bounds).placement().rotation;
     let outline_mm = [0, 1].map(|k| (0..3).map(|j| rows[k][j].abs() * size_mm[j]).sum::<f64>());
+    // High enough to capture all of the object.
     let above_mm = size_mm.into_iter().fold(1.0, f64::max) + pad.thickness_mm;
 
     let mut anchor = None;
@@ -102,7 +105,7 @@ fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Si
     for tried in [Anchor::Bounds, Anchor::Contact] {
         let pose = pose(tried);
         let found = SideStats::new(object, &pose, above_mm, pad);
-        // With the contact in the middle nothing of use is seen unless it touches there.
+        // The contact in the middle of the view is of use only if it touches there; else the bounds' result stays.
         if tried == Anchor::Bounds || found.touching_px > 0 {
             stats = found;
         }
@@ -110,10 +113,10 @@ fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Si
             anchor = Some(tried);
             break;
         }
-        slips |= lowest_is_in_view(object, &pose, pad);
+        slips |= is_lowest_in_view(object, &pose, pad);
     }
     let pixels = pad.resolution_px[0] * pad.resolution_px[1];
-    Side {
+    SideReport {
         face,
         outline_mm,
         outline_px: [0, 1].map(|k| outline_mm[k] / pad.mm_per_px[k]),
@@ -128,10 +131,10 @@ fn side(face: Face, object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Si
     }
 }
 
-/// Whether one of the points that touch first, to a micrometre, is over the view.
-pub fn lowest_is_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> bool {
+/// Returns true if one of the points that touch first, within a micrometre, is over the view.
+pub fn is_lowest_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> bool {
     let mut found = false;
-    each_vertex(object, pose, |[x, y, z]| {
+    for_each_vertex(object, pose, |[x, y, z]| {
         found |= z < 1e-3 - pad.press_mm
             && x.abs() <= pad.field_of_view_mm[0] / 2.0
             && y.abs() <= pad.field_of_view_mm[1] / 2.0;
@@ -139,12 +142,13 @@ pub fn lowest_is_in_view(object: &Clusters, pose: &Pose, pad: &SensorPad) -> boo
     found
 }
 
-/// Where, of the points that touch first, to a micrometre, the one nearest to the middle of the view is, mm.
-pub fn lowest_place(object: &Clusters, pose: &Pose) -> Option<[f64; 2]> {
+/// Finds the points that touch first, within a micrometre, and returns the place of the one nearest to the middle of
+/// the view, mm.
+pub fn find_lowest_place(object: &Clusters, pose: &Pose) -> Option<[f64; 2]> {
     let mut lowest = f64::INFINITY;
-    each_vertex(object, pose, |[_, _, z]| lowest = lowest.min(z));
+    for_each_vertex(object, pose, |[_, _, z]| lowest = lowest.min(z));
     let mut nearest: Option<[f64; 2]> = None;
-    each_vertex(object, pose, |[x, y, z]| {
+    for_each_vertex(object, pose, |[x, y, z]| {
         let is_nearer = nearest.is_none_or(|[u, v]| x * x + y * y < u * u + v * v);
         if z < lowest + 1e-3 && is_nearer {
             nearest = Some([x, y]);
@@ -153,8 +157,8 @@ pub fn lowest_place(object: &Clusters, pose: &Pose) -> Option<[f64; 2]> {
     nearest
 }
 
-/// Shows the vertices of an object in a pose, sensor frame, mm.
-fn each_vertex(object: &Clusters, pose: &Pose, mut see: impl FnMut([f64; 3])) {
+/// Calls `see` with every vertex of an object in a pose, in the sensor's frame, mm.
+fn for_each_vertex(object: &Clusters, pose: &Pose, mut see: impl FnMut([f64; 3])) {
     let placement = pose.placement();
     let centre_mm = object.centre_mm();
     object.query(
@@ -185,13 +189,13 @@ impl SideStats {
     fn new(object: &Clusters, pose: &Pose, above_mm: f64, pad: &SensorPad) -> Self {
         let margin_px = MARGIN_PX;
         let depth = capture_finely(object, pose, above_mm, pad);
-        let mut stats = Self { thin_fraction: thin_fraction(&depth, pad), ..Self::default() };
+        let mut stats = Self { thin_fraction: compute_thin_fraction(&depth, pad), ..Self::default() };
         let [width, height] = pad.resolution_px;
         let nothing = -above_mm as f32;
         let (mut least, mut largest) = (f32::INFINITY, f32::NEG_INFINITY);
         for y in 0..height {
-            let row = &depth.penetration.row(margin_px + FINER * y + FINER / 2)[margin_px..];
-            for below in row.iter().skip(FINER / 2).step_by(FINER).take(width) {
+            let row = &depth.penetration.row(margin_px + FINE_GRID_FACTOR * y + FINE_GRID_FACTOR / 2)[margin_px..];
+            for below in row.iter().skip(FINE_GRID_FACTOR / 2).step_by(FINE_GRID_FACTOR).take(width) {
                 stats.covered_px += usize::from(*below > nothing);
                 stats.touching_px += usize::from(*below > 0.0);
                 let over_lowest = (pad.press_mm as f32 - below).max(0.0);
@@ -206,27 +210,27 @@ impl SideStats {
     }
 }
 
-/// The opening looks so far beyond the view.
-const MARGIN_PX: usize = 2 * REACH;
+/// Margin around the view that the opening needs, px of the fine grid.
+const MARGIN_PX: usize = 2 * DISC_RADIUS;
 
 /// Captures an object on the fine grid, up to a height over the pad.
 pub fn capture_finely(object: &Clusters, pose: &Pose, above_mm: f64, pad: &SensorPad) -> Depth {
-    let window = Window { margin_px: MARGIN_PX, above_mm };
-    capture(object, &pose.placement(), &pad.camera(FINER), window, pad.thickness_mm)
+    let window = CaptureWindow { margin_px: MARGIN_PX, above_mm };
+    capture_mesh(object, &pose.placement(), &pad.subdivided_view(FINE_GRID_FACTOR), window, pad.thickness_mm)
 }
 
-/// Fraction of what touches in view, on the fine grid, that the opening takes off; 0 if nothing touches.
-pub fn thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
+/// Computes the fraction of what touches in view, on the fine grid, that the opening removes; 0 if nothing touches.
+pub fn compute_thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
     let (width, height, margin) = (depth.penetration.width, depth.penetration.height, depth.margin_px);
-    let part = depth.touching.grown(2 * REACH, width, height);
+    let part = depth.touching.grown(2 * DISC_RADIUS, width, height);
     let mut pressed = depth.penetration.crop(part);
     pressed.data.iter_mut().for_each(|below| *below = below.max(0.0));
     let least = |a: f32, b: f32| if b < a { b } else { a };
     let largest = |a: f32, b: f32| if b > a { b } else { a };
-    let opened = over_disc(&over_disc(&pressed, least), largest);
+    let opened = filter_over_disc(&filter_over_disc(&pressed, least), largest);
 
     let view = Rect { x0: margin, y0: margin, x1: width - margin, y1: height - margin };
-    let view = view.seen_from(part.x0, part.y0, part.width(), part.height());
+    let view = view.in_window(part.x0, part.y0, part.width(), part.height());
     let blunting = (BLUNTING * pad.press_mm) as f32;
     let (mut touching, mut thin) = (0_usize, 0_usize);
     for y in view.y0..view.y1 {
@@ -239,20 +243,22 @@ pub fn thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
     thin as f64 / touching.max(1) as f64
 }
 
-/// Radius of the disc, points of the fine grid: from centre to centre it is two pixels wide.
-const REACH: usize = FINER;
+/// Radius of the disc in points of the fine grid: it is two pixels wide from centre to centre.
+const DISC_RADIUS: usize = FINE_GRID_FACTOR;
 
-/// Combines every value with those of the disc around it, as far as it lies in the image.
-fn over_disc(image: &Grid<f32>, take: impl Fn(f32, f32) -> f32) -> Grid<f32> {
+/// Combines every value with those in the disc around it, as far as the disc lies in the image. With a minimum this is
+/// an erosion, with a maximum a dilation.
+fn filter_over_disc(image: &Grid<f32>, take: impl Fn(f32, f32) -> f32) -> Grid<f32> {
     let mut result = image.clone();
     let (width, height) = (image.width, image.height);
     simd_dispatch(
         #[inline(always)]
         || {
             for y in 0..height {
-                for from in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
+                for from in y.saturating_sub(DISC_RADIUS)..(y + DISC_RADIUS + 1).min(height) {
                     let dy = from.abs_diff(y);
-                    let reach = (REACH * REACH - dy * dy).isqrt();
+                    let reach = (DISC_RADIUS * DISC_RADIUS - dy * dy).isqrt();
+                    // The disc is symmetric: shift to both sides at once.
                     for shift in 0..=reach.min(width.saturating_sub(1)) {
                         let source = image.row(from);
                         let target = result.row_mut(y);
@@ -279,13 +285,13 @@ mod tests {
         let mut image = Grid::<f32>::new(60, 40);
         for y in 0..40 {
             // Strips as wide as the disc and a point narrower.
-            image.row_mut(y)[10..10 + 2 * REACH + 1].fill(1.0);
-            image.row_mut(y)[30..30 + 2 * REACH].fill(1.0);
+            image.row_mut(y)[10..10 + 2 * DISC_RADIUS + 1].fill(1.0);
+            image.row_mut(y)[30..30 + 2 * DISC_RADIUS].fill(1.0);
         }
-        let opened = over_disc(&over_disc(&image, f32::min), f32::max);
+        let opened = filter_over_disc(&filter_over_disc(&image, f32::min), f32::max);
         let row = opened.row(20);
-        assert!(row[10..10 + 2 * REACH + 1].iter().all(|value| *value == 1.0), "{row:?}");
-        assert!(row[30..30 + 2 * REACH].iter().all(|value| *value == 0.0), "{row:?}");
+        assert!(row[10..10 + 2 * DISC_RADIUS + 1].iter().all(|value| *value == 1.0), "{row:?}");
+        assert!(row[30..30 + 2 * DISC_RADIUS].iter().all(|value| *value == 0.0), "{row:?}");
     }
 
     #[test]
@@ -295,10 +301,11 @@ mod tests {
             for (at, value) in image.data.iter_mut().enumerate() {
                 *value = ((at * 7919 + 13) % 101) as f32;
             }
-            let filtered = over_disc(&image, f32::max);
+            let filtered = filter_over_disc(&image, f32::max);
             for y in 0..height {
                 for x in 0..width {
-                    let inside = |u: usize, v: usize| u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) <= REACH * REACH;
+                    let inside =
+                        |u: usize, v: usize| u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) <= DISC_RADIUS * DISC_RADIUS;
                     let points = (0..width).flat_map(|u| (0..height).map(move |v| (u, v)));
                     let around = points.filter(|&(u, v)| inside(u, v)).map(|(u, v)| image.at(u, v));
                     assert_eq!(filtered.at(x, y), around.fold(0.0, f32::max), "{x}, {y} of {width} x {height}");

@@ -1,16 +1,16 @@
-//! What a label says of the object, where it was and how it was moved.
+//! The part of a label about the object, its pose and its motion.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::plan::Plan;
-use crate::scene::{DrawnTexture, Pressed, Scene};
+use crate::scene::{DrawnTexture, PressSource, Scene};
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::gelpad::tangential::TangentialMotion;
 use gelsim_core::pose::Pose;
 use gelsim_core::simulator::Simulator;
 
-/// What was pressed.
+/// The object that was pressed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ObjectLabel {
     /// Unique name of the object in the dataset.
@@ -19,27 +19,29 @@ pub struct ObjectLabel {
     pub class: String,
     /// Number of the class among the dataset's classes, sorted by name.
     pub class_index: u32,
-    /// SHA-256 of the mesh file's bytes, of all files where it names others; empty where a depth frame stands for the object.
+    /// SHA-256 of the mesh file's bytes, or of all files if it names others; empty if a depth frame stands for the
+    /// object.
     pub mesh_sha256: String,
-    /// Path of the mesh file as the job names it, or as its pattern found it; empty where a depth frame stands for the object.
+    /// Path of the mesh file as the job names it, or as its pattern found it; empty if a depth frame stands for the
+    /// object.
     #[serde(default)]
     pub path: String,
     /// Factor on the object's size: p = R (scale q) + t.
     #[serde(default = "unscaled")]
     pub scale: f64,
-    /// What it is made of.
+    /// Material of the object.
     #[serde(default)]
     pub material: MaterialLabel,
 }
 
-/// What an object is made of; null is what nobody said of it.
+/// Material of an object; null stands for what the job does not give.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MaterialLabel {
     /// Young's modulus, kPa; null if the object is rigid.
     pub youngs_modulus_kpa: Option<f64>,
     /// Poisson ratio; null if the object is rigid.
     pub poisson_ratio: Option<f64>,
-    /// Coefficient of friction between pad and object; null if the object has none of its own, but the job's.
+    /// Coefficient of friction between pad and object; null if the object has none of its own, so that the job's holds.
     pub friction: Option<f64>,
 }
 
@@ -47,7 +49,7 @@ fn unscaled() -> f64 {
     1.0
 }
 
-/// Where the object was.
+/// Pose of an object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PoseLabel {
     /// Rotation R as a unit quaternion x, y, z, w with w >= 0.
@@ -62,44 +64,49 @@ pub struct PoseLabel {
     pub tilt_azimuth_deg: f64,
 }
 
-/// Micro relief of the object. Without texture the pattern is empty and every number 0.
+/// Micro relief of the object. Without texture the pattern is empty and every number is 0.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TextureLabel {
     /// Name of the pattern.
     pub pattern: String,
-    /// How far valleys lie below peaks, mm.
+    /// Depth of the valleys below the peaks, mm.
     pub amplitude_mm: f64,
-    /// The pattern's scale, mm.
+    /// Scale of the pattern, mm.
     pub scale_mm: f64,
-    /// The pattern's direction on the object, degrees.
+    /// Direction of the pattern on the object, degrees.
     pub angle_deg: f64,
 }
 
-/// How the object was moved in the pad's plane after it was pressed in.
+/// Motion of the object in the pad's plane after it was pressed in.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ShearLabel {
-    /// Along x and y, mm.
+    /// Motion along x and y, mm.
     pub shift_mm: [f64; 2],
-    /// From x towards y, degrees.
+    /// Turn from x towards y, degrees.
     pub twist_deg: f64,
-    /// Point that it was turned about, mm from the middle of the image.
+    /// Point about which it was turned, mm from the middle of the image.
     pub about_mm: [f64; 2],
-    /// Force on the pad along x and y, N; null if the job moves objects but
-    /// the sensor has no markers to show it, or the gelpad model knows no tractions.
+    /// Force on the pad along x and y, N; null if the job moves objects but the sensor has no markers to show it, or
+    /// the gelpad model has no tractions.
     pub force_n: Option<[f64; 2]>,
-    /// Torque on the pad about that point, from x towards y, N mm; null likewise.
+    /// Torque on the pad about `about_mm`, from x towards y, N mm; null if `force_n` is null.
     pub torque_nmm: Option<f64>,
-    /// Share of the contact that slips; null likewise.
+    /// Fraction of the contact that slips; null if `force_n` is null.
     pub slipping: Option<f64>,
 }
 
 impl ShearLabel {
-    pub(super) fn of(plan: &Plan, scene: &Scene, simulator: &Simulator, tangential: Option<&TangentialMotion>) -> Self {
-        // Without any push there is no traction; else nothing is known of one sample only if nothing is known of any.
+    pub(super) fn from_scene(
+        plan: &Plan,
+        scene: &Scene,
+        simulator: &Simulator,
+        tangential: Option<&TangentialMotion>,
+    ) -> Self {
+        // Without any motion there is no traction. With motion, the tractions of all samples are known, or of none.
         let known = simulator.knows_tractions() || !plan.sampling.moves_objects;
         let outcome = tangential.and_then(|tangential| tangential.shear.as_ref());
         let youngs_modulus_kpa = simulator.sensor().gelpad.youngs_modulus_kpa;
-        // kPa mm^2 are mN.
+        // 1 kPa mm^2 is 1 mN.
         let newtons = |per_modulus: f64| 1e-3 * youngs_modulus_kpa * per_modulus;
         Self {
             shift_mm: scene.motion.shift_mm,
@@ -111,8 +118,8 @@ impl ShearLabel {
         }
     }
 
-    /// Of what was not moved after the press.
-    pub fn still() -> Self {
+    /// Returns the label of an object that is not moved after the press.
+    pub fn without_motion() -> Self {
         Self {
             shift_mm: [0.0; 2],
             twist_deg: 0.0,
@@ -125,13 +132,13 @@ impl ShearLabel {
 }
 
 impl ObjectLabel {
-    pub(super) fn of(plan: &Plan, scene: &Scene) -> Self {
+    pub(super) fn from_scene(plan: &Plan, scene: &Scene) -> Self {
         let (id, class, mesh_sha256, path) = match &scene.pressed {
-            Pressed::Object(number) => {
+            PressSource::Object(number) => {
                 let object = &plan.sampling.objects[*number];
                 (&object.id, &object.class, object.sha256.clone(), object.path.clone())
             }
-            Pressed::Frame(frame) => (&frame.id, &frame.class, String::new(), String::new()),
+            PressSource::Frame(frame) => (&frame.id, &frame.class, String::new(), String::new()),
         };
         Self {
             id: id.clone(),
@@ -151,7 +158,7 @@ impl ObjectLabel {
 
 pub(super) fn class_index(plan: &Plan, class: &str) -> u32 {
     let index = match class {
-        // Nobody named the classes of the frames: there is one.
+        // Without class names for the frames there is a single class.
         "" => 0,
         class => plan.class_index(class).expect("a plan has the classes of all that is pressed"),
     };
@@ -159,7 +166,7 @@ pub(super) fn class_index(plan: &Plan, class: &str) -> u32 {
 }
 
 impl PoseLabel {
-    pub(super) fn of(pose: &Pose) -> Self {
+    pub(super) fn from_pose(pose: &Pose) -> Self {
         Self {
             quaternion_xyzw: pose.quaternion_xyzw(),
             translation_mm: pose.translation_mm.to_array(),
@@ -171,7 +178,7 @@ impl PoseLabel {
 }
 
 impl TextureLabel {
-    pub(super) fn of(scene: &Scene) -> Self {
+    pub(super) fn from_scene(scene: &Scene) -> Self {
         let of = |texture: &DrawnTexture| Self {
             pattern: texture.pattern.to_owned(),
             amplitude_mm: texture.sample.amplitude_mm,

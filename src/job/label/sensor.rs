@@ -1,4 +1,4 @@
-//! What a label says of the sensor.
+//! The part of a label about the sensor.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -27,9 +27,10 @@ pub struct SensorLabel {
     pub gelpad_youngs_modulus_kpa: f64,
     /// Poisson ratio of the gelpad.
     pub gelpad_poisson_ratio: f64,
-    /// Share of the light lost where the pad is pressed down to the shell.
+    /// Fraction of the light that is lost where the pad is pressed down to the shell.
     pub darkening: f64,
-    /// Red, green and blue of the untouched pad that are not the LEDs' light; empty if their light is not scaled by it.
+    /// Red, green and blue light of the untouched pad that does not come from the LEDs; empty if the LEDs' light is not
+    /// scaled by the background.
     pub stray_light: Vec<f64>,
     /// The LEDs, in the order of the sensor.
     pub leds: Vec<LedLabel>,
@@ -42,35 +43,35 @@ pub struct SensorLabel {
 pub struct LedLabel {
     /// Its name.
     pub name: String,
-    /// Direction towards it, degrees from +x towards +y.
+    /// Direction towards the LED, degrees from +x towards +y.
     pub azimuth_deg: f64,
-    /// Angle over the pad's plane, degrees.
+    /// Angle of the LED over the pad's plane, degrees.
     pub elevation_deg: f64,
-    /// Width and height as the pad sees it, degrees.
+    /// Width and height of the LED as the pad sees it, degrees.
     pub angular_size_deg: [f64; 2],
     /// Distance from the middle of the image, mm.
     pub distance_mm: f64,
-    /// Red, green and blue share of its light.
+    /// Red, green and blue of its light.
     pub color: [f64; 3],
     /// Brightness.
     pub intensity: f64,
 }
 
-/// The image of the untouched pad: a file, or the numbers that it is rendered from.
+/// The image of the untouched pad: a file, or the numbers from which it is rendered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct BackgroundLabel {
     /// Name of its file; empty if it is rendered.
     pub file: String,
     /// SHA-256 of that file in lower-case hex; empty if it is rendered.
     pub sha256: String,
-    /// Red, green and blue of the diffuse light; this and the others are 0 if it is a file, or shows the light of
-    /// the sensor's lamps.
+    /// Red, green and blue of the diffuse light. This and the following numbers are 0 if the image is a file or shows
+    /// the light of the sensor's lamps.
     pub color: [f64; 3],
     /// Brightness that each LED adds at its edge of the image.
     pub glow: f64,
-    /// Distance over which that falls to 37 %, mm.
+    /// Distance over which the glow falls to 37 %, mm.
     pub glow_reach_mm: f64,
-    /// Share of the light lost in the corners.
+    /// Fraction of the light that is lost in the corners.
     pub vignette: f64,
     /// Standard deviation of the coating's grain.
     pub grain: f64,
@@ -80,13 +81,13 @@ pub struct BackgroundLabel {
     pub dust_per_cm2: f64,
     /// Size of the specks, mm.
     pub dust_size_mm: f64,
-    /// The 15 coefficients of red, then of green, then of blue by which the colour varies over the pad; empty if it does
-    /// not.
+    /// The 15 coefficients of red, then of green, then of blue by which the colour varies over the pad; empty if it
+    /// does not vary.
     pub pattern: Vec<f64>,
 }
 
 impl SensorLabel {
-    pub(super) fn of(plan: &Plan, scene: &Scene, simulator: &Simulator) -> Self {
+    pub(super) fn from_scene(plan: &Plan, scene: &Scene, simulator: &Simulator) -> Self {
         let (sensor, View { resolution_px: [width, height], mm_per_px }) = (simulator.sensor(), *simulator.view());
         Self {
             name: sensor.name.clone(),
@@ -99,7 +100,7 @@ impl SensorLabel {
             darkening: sensor.darkening,
             stray_light: sensor.stray_light.iter().flatten().copied().collect(),
             leds: sensor.leds.iter().map(LedLabel::new).collect(),
-            background: BackgroundLabel::of(plan, scene, sensor),
+            background: BackgroundLabel::from_scene(plan, scene, sensor),
         }
     }
 }
@@ -113,7 +114,7 @@ impl LedLabel {
 }
 
 impl BackgroundLabel {
-    fn of(plan: &Plan, scene: &Scene, sensor: &Sensor) -> Self {
+    fn from_scene(plan: &Plan, scene: &Scene, sensor: &Sensor) -> Self {
         let number = scene.sensor.as_ref().map_or(0, |drawn| drawn.photograph);
         let photograph = plan.sensors.photographs.get(number);
         let (file, sha256) = photograph.map_or_else(Default::default, |own| (own.file.clone(), own.sha256.clone()));
@@ -131,7 +132,7 @@ impl BackgroundLabel {
                 dust_size_mm: look.dust_size_mm,
                 pattern: look.pattern.iter().flat_map(|own| [own.red, own.green, own.blue]).flatten().collect(),
             },
-            // A photograph, or what the lamps show.
+            // The image is a photograph, or is made of the lamps' light.
             _ => Self {
                 file,
                 sha256,

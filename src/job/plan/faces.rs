@@ -1,47 +1,48 @@
-//! Which side of an object has the most relief: what `face = "auto"` presses.
+//! Finds the side of an object with the most relief, which `face = "auto"` presses.
 
 use glam::DVec3;
 
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::view::View;
-use gelsim_core::depth::{Window, capture};
+use gelsim_core::depth::{CaptureWindow, capture_mesh};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, Pose, Side};
 
-/// Points along an object's longest extent at which it is captured.
+/// Number of points along an object's longest extent at which it is captured.
 const POINTS: f64 = 192.0;
 
-/// By what factor another side must have more relief than those before it: sides that are alike differ by rounding.
-const RICHER: f64 = 1.05;
+/// Factor by which another side must have more relief to be preferred, since equal sides differ by rounding.
+const MIN_RELIEF_RATIO: f64 = 1.05;
 
-/// What counts as flat, mm.
+/// Height below which a relief counts as flat, mm.
 const FLAT_MM: f32 = 1e-3;
 
-/// The sides, the one that faces the pad by default first.
+/// The sides, with the one that faces the pad by default first.
 const ORDER: [Side; 6] = [Side::MinusZ, Side::PlusZ, Side::MinusX, Side::PlusX, Side::MinusY, Side::PlusY];
 
-/// The side with the most relief within `reach_mm` of its highest point: the one over which the slope changes most, all in
-/// all. Of sides that are alike the first of -z, +z, -x, +x, -y, +y.
-pub fn richest(object: &Clusters, reach_mm: f64) -> Side {
-    let relief = ORDER.map(|side| bend(side, object, reach_mm));
-    let best = (1..ORDER.len()).fold(0, |best, at| if relief[at] > RICHER * relief[best] { at } else { best });
+/// Returns the side with the most relief within `reach_mm` of its highest point: the one over which the slope changes
+/// most in total. Of equal sides it is the first of -z, +z, -x, +x, -y, +y.
+pub fn find_richest_side(object: &Clusters, reach_mm: f64) -> Side {
+    let relief = ORDER.map(|side| measure_relief(side, object, reach_mm));
+    let best =
+        (1..ORDER.len()).fold(0, |best, at| if relief[at] > MIN_RELIEF_RATIO * relief[best] { at } else { best });
     ORDER[best]
 }
 
-/// The side with the most relief, where this one is flat and that is not.
-pub fn relief_beside(side: Side, object: &Clusters, reach_mm: f64) -> Option<Side> {
+/// Returns the side with the most relief if `side` is flat and that one is not.
+pub fn find_richer_side(side: Side, object: &Clusters, reach_mm: f64) -> Option<Side> {
     let flat = |side: Side| {
-        let (seen, _) = seen(side, object, reach_mm);
+        let (seen, _) = capture_relief(side, object, reach_mm);
         let highest = seen.largest(|mm| mm);
         seen.data.iter().all(|mm| *mm <= 0.0 || *mm > highest - FLAT_MM)
     };
-    flat(side).then(|| richest(object, reach_mm)).filter(|richest| !flat(*richest))
+    flat(side).then(|| find_richest_side(object, reach_mm)).filter(|richest| !flat(*richest))
 }
 
-/// The change of the slope from point to point, each at most 1, summed over all points of a side within reach.
-fn bend(side: Side, object: &Clusters, reach_mm: f64) -> f64 {
-    let (penetration, pitch) = seen(side, object, reach_mm);
-    let per_mm = 1.0 / pitch as f32;
+/// Sums, over all points of a side within reach, the change of the slope from point to point, each at most 1.
+fn measure_relief(side: Side, object: &Clusters, reach_mm: f64) -> f64 {
+    let (penetration, step_mm) = capture_relief(side, object, reach_mm);
+    let per_mm = 1.0 / step_mm as f32;
     let mut sum = 0.0;
     for y in 1..penetration.height - 1 {
         let [above, row, below] = [y - 1, y, y + 1].map(|y| penetration.row(y));
@@ -55,8 +56,9 @@ fn bend(side: Side, object: &Clusters, reach_mm: f64) -> f64 {
     sum
 }
 
-/// A side down to `reach_mm` under its highest point: from there up, mm, and 0 around it; and the distance between points.
-fn seen(side: Side, object: &Clusters, reach_mm: f64) -> (Grid<f32>, f64) {
+/// Captures a side down to `reach_mm` under its highest point. Returns the heights over that level, mm, with 0 around
+/// the object, and the distance between points, mm.
+fn capture_relief(side: Side, object: &Clusters, reach_mm: f64) -> (Grid<f32>, f64) {
     let level = Angles { yaw_deg: 0.0, tilt_deg: 0.0, tilt_azimuth_deg: 0.0 };
     let pose = Pose::new(side, level, [0.0; 2], Anchor::Bounds, -reach_mm, object);
     let turned = pose.rotation.transpose();
@@ -64,12 +66,12 @@ fn seen(side: Side, object: &Clusters, reach_mm: f64) -> (Grid<f32>, f64) {
         let along = turned * axis;
         object.extreme(along.to_array()) + object.extreme((-along).to_array())
     });
-    let pitch = size.into_iter().fold(0.0, f64::max) / POINTS;
-    // Two more points on each side, so that the outline counts.
-    let resolution_px = [0, 1].map(|k| (size[k] / pitch) as usize + 5);
-    let view = View { resolution_px, mm_per_px: [pitch; 2] };
-    let window = Window { margin_px: 0, above_mm: 0.0 };
-    (capture(object, &pose.placement(), &view, window, reach_mm).penetration, pitch)
+    let step_mm = size.into_iter().fold(0.0, f64::max) / POINTS;
+    // Two more points on each side, so that the object's outline counts.
+    let resolution_px = [0, 1].map(|k| (size[k] / step_mm) as usize + 5);
+    let view = View { resolution_px, mm_per_px: [step_mm; 2] };
+    let window = CaptureWindow { margin_px: 0, above_mm: 0.0 };
+    (capture_mesh(object, &pose.placement(), &view, window, reach_mm).penetration, step_mm)
 }
 
 #[cfg(test)]
@@ -114,9 +116,9 @@ mod tests {
         ];
         for (turns, up, side) in expected {
             let object = ridged(turns, up);
-            assert_eq!(richest(&object, 1.0), side);
-            assert_eq!(relief_beside(side, &object, 1.0), None, "it is not flat");
+            assert_eq!(find_richest_side(&object, 1.0), side);
+            assert_eq!(find_richer_side(side, &object, 1.0), None, "it is not flat");
         }
-        assert_eq!(relief_beside(Side::MinusZ, &ridged(0, 1.0), 1.0), Some(Side::PlusZ));
+        assert_eq!(find_richer_side(Side::MinusZ, &ridged(0, 1.0), 1.0), Some(Side::PlusZ));
     }
 }

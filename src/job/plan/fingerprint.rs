@@ -1,17 +1,17 @@
-//! What decides the bytes of a sample.
+//! Computes the fingerprint of a job: a hash over everything that decides the bytes of a sample.
 
 use crate::config::Job;
 use gelsim_files::hash::sha256;
 
-use super::{files, stem};
+use super::{file_stem, files};
 
-/// SHA-256 over the resolved job and the generator's version. Of a mesh's path only the name counts, which is the
-/// object's in the labels, as is that of a background; contents are known by their hashes. The number of samples
-/// decides no sample's bytes, so that it may be raised later.
-pub fn fingerprint(job: &Job) -> String {
+/// Computes the SHA-256 over the resolved job and the generator's version. Of paths, only the names of meshes and
+/// backgrounds count, since labels have them; contents count by their hashes. The number of samples does not count,
+/// since it decides no sample's bytes and may be raised later.
+pub fn compute_fingerprint(job: &Job) -> String {
     let mut job = job.clone();
     job.dataset.samples = None;
-    let meshes = job.object.iter().map(|object| object.path.as_deref().map(stem)).collect::<Vec<_>>();
+    let meshes = job.object.iter().map(|object| object.path.as_deref().map(file_stem)).collect::<Vec<_>>();
     let names = |paths: &mut dyn Iterator<Item = &String>| paths.map(|path| files::file_name(path)).collect::<Vec<_>>();
     let background = names(&mut job.sensor.background.iter()).pop();
     let backgrounds = names(&mut job.random.backgrounds.iter());
@@ -28,7 +28,7 @@ pub fn fingerprint(job: &Job) -> String {
     }
     for (object, stem) in job.object.iter_mut().zip(meshes) {
         object.path = stem;
-        // Where meshes are found says nothing of them: their hashes do.
+        // Where meshes are found does not matter, since their hashes count.
         object.packages.clear();
     }
     let text = job.to_json().to_string();

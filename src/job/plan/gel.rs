@@ -1,35 +1,36 @@
-//! The files of a gel that is not flat: the mesh of its shape, and where its pins stand.
+//! Reads the files of a gel that is not flat: the mesh of its shape, and the table of its pins.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::check::Check;
+use super::check::JobChecker;
 use super::{files, paths};
 use crate::config::object::Unit;
-use gelsim_core::base::surface::{Surface, SurfaceError};
+use gelsim_core::base::gel_surface::{GelSurface, GelSurfaceError};
 use gelsim_files::diagnostic::Diagnostic;
-use gelsim_files::figures::figure;
 use gelsim_files::mesh;
+use gelsim_files::number_format::format_number;
 use gelsim_files::sensor::Sensor;
-use gelsim_files::sensor::pins::{PinLayout, places};
+use gelsim_files::sensor::pins::{PinLayout, parse_pin_table};
 use gelsim_files::sensor::shape::{GelMesh, SensorShape};
 
-/// Widths of gels, mm.
+/// The least and greatest width of a gel, mm.
 const WIDTHS_MM: [f64; 2] = [1.0, 1e3];
-/// Triangles of a gel.
-const MOST_TRIANGLES: usize = 500_000;
+/// Most triangles of a gel's mesh.
+const MAX_TRIANGLES: usize = 500_000;
 
-/// Reads the files that a sensor's shape and pins name, and remembers them by their hashes.
-pub fn read(check: &mut Check<'_>, sensor: &mut Sensor) {
+/// Reads the files that a sensor's shape and pins name, and remembers their hashes.
+pub fn read_gel_files(check: &mut JobChecker<'_>, sensor: &mut Sensor) {
     if let Some(SensorShape::Mesh(mesh)) = &mut sensor.shape {
-        mesh.surface = surface(check, mesh);
+        mesh.surface = read_gel_surface(check, mesh);
     }
     if let Some(pins) = &mut sensor.pins
         && let PinLayout::File(path) = &mut pins.layout
     {
-        // A preset or a sensor file that counts its pins does so for its own layout.
-        let source = |key: &str| check.document.place(&format!("sensor.pins.{key}")).map(|place| place.source);
+        // A count of pins from a preset or a sensor file belongs to its own layout. A layout from a file has its own
+        // number.
+        let source = |key: &str| check.document.place_of(&format!("sensor.pins.{key}")).map(|place| place.source);
         if pins.count.is_some() && source("count") != source("layout") {
             pins.count = None;
         }
@@ -38,14 +39,14 @@ pub fn read(check: &mut Check<'_>, sensor: &mut Sensor) {
         }
         let sha256 = &mut pins.layout_sha256;
         let table = |bytes: &[u8]| Ok(bytes.to_vec());
-        let bytes = files::read(check, "sensor.pins.layout.file", &paths::PINS, path, sha256, table);
+        let bytes = files::read_input_file(check, "sensor.pins.layout.file", &paths::PINS, path, sha256, table);
         if let Some(bytes) = bytes {
-            match places(path, &bytes) {
+            match parse_pin_table(path, &bytes) {
                 Ok(places) => pins.places_mm = Some(Arc::new(places)),
                 Err(mistakes) => {
                     for message in mistakes {
                         let help = "the first line is x_mm,y_mm; each further one a pin, mm from the tip over the gel";
-                        check.error("sensor.pins.layout.file", message, help);
+                        check.report_error("sensor.pins.layout.file", message, help);
                     }
                 }
             }
@@ -53,80 +54,88 @@ pub fn read(check: &mut Check<'_>, sensor: &mut Sensor) {
     }
 }
 
-fn surface(check: &mut Check<'_>, mesh: &mut GelMesh) -> Option<Arc<Surface>> {
+fn read_gel_surface(check: &mut JobChecker<'_>, mesh: &mut GelMesh) -> Option<Arc<GelSurface>> {
     const KEY: &str = "sensor.shape.mesh.path";
     for k in 0..3 {
-        check.number(&format!("sensor.shape.mesh.offset_mm.{k}"), mesh.offset_mm[k], -1e4..=1e4, "mm");
+        check.require_in_range(&format!("sensor.shape.mesh.offset_mm.{k}"), mesh.offset_mm[k], -1e4..=1e4, "mm");
     }
-    let found = check.document.folder(KEY).join(&mesh.path);
+    let found = check.document.folder_of(KEY).join(&mesh.path);
     let Some(path) = found.to_str() else {
-        check.error(KEY, "the path of the gel's mesh is not UTF-8, so that no job can hold it", "rename the file");
+        check.report_error(
+            KEY,
+            "the path of the gel's mesh is not UTF-8, so that no job can hold it",
+            "rename the file",
+        );
         return None;
     };
-    let reading = mesh::Reading { mm_per_unit: mesh.unit.map(Unit::mm), ..mesh::Reading::default() };
+    let reading =
+        mesh::MeshReadOptions { mm_per_unit: mesh.unit.map(Unit::mm_per_unit), ..mesh::MeshReadOptions::default() };
     let loaded = match mesh::load(&found, reading) {
         Ok(loaded) => loaded,
         Err(error) => {
             let belongs = format!("a mesh of the gel's outer surface belongs here ({})", mesh::ENDINGS);
             let help = match found.is_file() {
                 true => format!("{}; {belongs}", error.help()),
-                false => format!("{}; {belongs}", paths::absent(check, KEY, &mesh.path, &paths::GELS)),
+                false => format!("{}; {belongs}", paths::suggest_for_missing(check, KEY, &mesh.path, &paths::GELS)),
             };
-            check.error(KEY, format!("cannot read the gel's mesh {error}"), help);
+            check.report_error(KEY, format!("cannot read the gel's mesh {error}"), help);
             return None;
         }
     };
     if mesh.sha256.as_ref().is_some_and(|expected| *expected != loaded.sha256) {
         let message = format!("the gel's mesh {path} has changed: its SHA-256 is {}", loaded.sha256);
-        check.error("sensor.shape.mesh.sha256", message, "restore the file, or remove this key");
+        check.report_error("sensor.shape.mesh.sha256", message, "restore the file, or remove this key");
     }
     mesh.path = path.to_owned();
     mesh.sha256 = Some(loaded.sha256);
-    let mesh::Loaded { mesh: triangles, mm_per_unit, .. } = loaded;
+    let mesh::LoadedMesh { mesh: triangles, mm_per_unit, .. } = loaded;
     let half = triangles.vertices.iter().flatten().fold(0.0, |largest: f32, place| largest.max(place.abs()));
     let across_mm = 2.0 * f64::from(half);
     if !(WIDTHS_MM[0]..=WIDTHS_MM[1]).contains(&across_mm) {
-        let message =
-            format!("the gel's mesh {path} is {across_mm:.3} mm across, read with {}", Unit::written(mm_per_unit));
-        let fits = |unit: &Unit| (WIDTHS_MM[0]..=WIDTHS_MM[1]).contains(&(across_mm / mm_per_unit * unit.mm()));
-        // Of what is too small metres are likelier than inches.
+        let message = format!(
+            "the gel's mesh {path} is {across_mm:.3} mm across, read with {}",
+            Unit::format_as_written(mm_per_unit)
+        );
+        let fits =
+            |unit: &Unit| (WIDTHS_MM[0]..=WIDTHS_MM[1]).contains(&(across_mm / mm_per_unit * unit.mm_per_unit()));
+        // For a gel that is too small, metres are more likely than inches.
         let fitting = [Unit::M, Unit::Mm, Unit::In, Unit::Cm].into_iter().find(fits);
         let help = match fitting {
             Some(unit) => format!(
                 "gels are 1 to 1000 mm large: with unit = \"{}\" it is {} mm",
                 unit.name(),
-                figure(across_mm / mm_per_unit * unit.mm())
+                format_number(across_mm / mm_per_unit * unit.mm_per_unit())
             ),
             None => String::from("gels are 1 to 1000 mm large, and no unit makes this one so: scale it in its file"),
         };
-        check.error(KEY, message, help);
+        check.report_error(KEY, message, help);
         return None;
     }
-    if triangles.triangles.len() > MOST_TRIANGLES {
+    if triangles.triangles.len() > MAX_TRIANGLES {
         let message = format!("the gel's mesh {path} has {} triangles", triangles.triangles.len());
-        check.error(KEY, message, format!("allowed: up to {MOST_TRIANGLES}; the surface is smooth between them"));
+        check.report_error(KEY, message, format!("allowed: up to {MAX_TRIANGLES}; the surface is smooth between them"));
         return None;
     }
     let offset = DVec3::from_array(triangles.centre_mm) + DVec3::from_array(mesh.offset_mm);
     let point = |vertex: &[f32; 3]| DVec3::from_array(vertex.map(f64::from)) + offset;
-    match Surface::new(triangles.vertices.iter().map(point).collect(), triangles.triangles) {
+    match GelSurface::new(triangles.vertices.iter().map(point).collect(), triangles.triangles) {
         Ok(surface) => Some(Arc::new(surface)),
         Err(error) => {
-            check.error(KEY, format!("{path}: {error}"), way_out(&error, mesh.offset_mm));
+            check.report_error(KEY, format!("{path}: {error}"), suggest_fix(&error, mesh.offset_mm));
             None
         }
     }
 }
 
-/// What to do about a mesh that is no gel's surface.
-fn way_out(error: &SurfaceError, offset_mm: [f64; 3]) -> String {
+/// Suggests what to do about a mesh that is no gel's surface.
+fn suggest_fix(error: &GelSurfaceError, offset_mm: [f64; 3]) -> String {
     match error {
-        SurfaceError::TipElsewhere(z) => {
+        GelSurfaceError::TipElsewhere(z) => {
             let [x, y, moved] = offset_mm;
             let moved = libm::round((moved - z) * 1e3) / 1e3 + 0.0;
             format!("the tip is where the z axis leaves the gel: write offset_mm = [{x:?}, {y:?}, {moved:?}]")
         }
-        SurfaceError::NoTip(low, high) => {
+        GelSurfaceError::NoTip(low, high) => {
             let middle = -0.5 * (*low + *high) + DVec3::from_array(offset_mm);
             let [x, y] = [middle.x, middle.y].map(|mm| libm::round(mm * 1e3) / 1e3 + 0.0);
             format!(
@@ -134,20 +143,20 @@ fn way_out(error: &SurfaceError, offset_mm: [f64; 3]) -> String {
                 z = offset_mm[2]
             )
         }
-        SurfaceError::SteepTip(_) => String::from("z goes out of the gel at its tip: turn the mesh in its file"),
-        SurfaceError::SheetsMeet(_) => {
+        GelSurfaceError::SteepTip(_) => String::from("z goes out of the gel at its tip: turn the mesh in its file"),
+        GelSurfaceError::SheetsMeet(_) => {
             String::from("the gel's outer surface is one sheet: delete what else is in the file")
         }
-        SurfaceError::Pieces { .. } => String::from(
+        GelSurfaceError::Pieces { .. } => String::from(
             "the gel's outer surface is one piece: delete what else is in the file, or join what belongs together",
         ),
-        SurfaceError::Twisted(_) => String::from("delete or mend the triangles there"),
+        GelSurfaceError::Twisted(_) => String::from("delete or fix the triangles there"),
     }
 }
 
-/// What is allowed and yet to be known of a gel's mesh.
-pub fn notes(sensor: &Sensor) -> Vec<Diagnostic> {
-    /// Edges over which the normal turns more are seen, degrees.
+/// Makes notes for a gel's mesh that is allowed but will be seen to be coarse.
+pub fn note_coarse_gel(sensor: &Sensor) -> Vec<Diagnostic> {
+    /// Angle between facets from which an edge is visible, degrees.
     const COARSE_DEG: f64 = 20.0;
     let Some(SensorShape::Mesh(GelMesh { path, surface: Some(surface), .. })) = &sensor.shape else {
         return Vec::new();

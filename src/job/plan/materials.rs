@@ -1,28 +1,30 @@
-//! What an `[[object]]` says of its material: how it gives way, what holds the pad to it, and its own micro-texture.
+//! Checks what an `[[object]]` says of its material: its elasticity, its friction, and its own micro-texture.
 
-use super::check::Check;
+use super::check::JobChecker;
 use super::chosen_models;
 use super::{ranges, remedies};
 use crate::config::Job;
 use gelsim_core::gelpad;
 
-/// Young's moduli that an object may have, kPa: from a gel much softer than any pad to what no pad can tell from rigid.
+/// The range of an object's Young's modulus, kPa: from a gel much softer than any pad to a material that no pad can
+/// tell from a rigid one.
 const MODULI_KPA: [f64; 2] = [0.1, 1e9];
 
-/// Checks the keys, and that something in the job uses them.
-pub fn check(check: &mut Check<'_>, job: &Job) {
+/// Checks the keys of the material, and that something in the job uses them.
+pub fn check_materials(check: &mut JobChecker<'_>, job: &Job) {
     let model = chosen_models(job).gelpad;
-    let held = model.friction().is_some() || job.shear.any() || job.sequence.is_some();
+    let held = model.friction().is_some() || job.shear.has_motion() || job.sequence.is_some();
     for (i, object) in job.object.iter().enumerate() {
         let path = |key: &str| format!("object.{i}.{key}");
         if let Some(modulus) = &object.youngs_modulus_kpa {
             let at = path("youngs_modulus_kpa");
-            check.quantity(&at, modulus, MODULI_KPA[0]..=MODULI_KPA[1], "kPa");
+            check.require_quantity_in_range(&at, modulus, MODULI_KPA[0]..=MODULI_KPA[1], "kPa");
             if !matches!(model, gelpad::Model::Elastic(_)) {
                 let message =
                     format!("the gelpad model `{}` knows no pressure, so that nothing gives way", model.name());
-                let help = format!("{}; or leave youngs_modulus_kpa out", remedies::solving_gelpad(check.document));
-                check.error_of(
+                let help =
+                    format!("{}; or leave youngs_modulus_kpa out", remedies::suggest_solving_gelpad(check.document));
+                check.report_grouped_error(
                     &at,
                     "keys say how objects give way, and this gelpad model knows no pressure",
                     message,
@@ -31,7 +33,7 @@ pub fn check(check: &mut Check<'_>, job: &Job) {
             }
             if job.sequence.is_some() {
                 let message = "the objects of a sequence are rigid";
-                check.error_of(
+                check.report_grouped_error(
                     &at,
                     "keys say how the objects of a sequence give way, which are rigid",
                     message,
@@ -40,23 +42,33 @@ pub fn check(check: &mut Check<'_>, job: &Job) {
             }
         }
         if let Some(ratio) = &object.poisson_ratio {
-            check.quantity(&path("poisson_ratio"), ratio, 0.0..=0.5, "");
+            check.require_quantity_in_range(&path("poisson_ratio"), ratio, 0.0..=0.5, "");
             if object.youngs_modulus_kpa.is_none() {
                 let help = "leave poisson_ratio out, or add youngs_modulus_kpa, such as 100.0";
                 let message = "an object without youngs_modulus_kpa is rigid";
-                check.error_of(&path("poisson_ratio"), "objects without youngs_modulus_kpa are rigid", message, help);
+                check.report_grouped_error(
+                    &path("poisson_ratio"),
+                    "objects without youngs_modulus_kpa are rigid",
+                    message,
+                    help,
+                );
             }
         }
         if let Some(friction) = &object.friction {
-            check.quantity(&path("friction"), friction, 0.0..=10.0, "");
+            check.require_quantity_in_range(&path("friction"), friction, 0.0..=10.0, "");
             if !held {
                 let message = "nothing in this job uses the friction of an object: it slides along the pad without any";
                 let help = "leave it out, or push the object over the pad: x_mm = [-0.4, 0.4] under [shear]";
-                check.error_of(&path("friction"), "keys say a friction that nothing in this job uses", message, help);
+                check.report_grouped_error(
+                    &path("friction"),
+                    "keys say a friction that nothing in this job uses",
+                    message,
+                    help,
+                );
             }
         }
         if let Some(texture) = &object.texture {
-            ranges::texture(check, &path("texture"), texture);
+            ranges::check_texture(check, &path("texture"), texture);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The mesh files of a job: where they are, and what is read from them.
+//! Reads the mesh files of a job.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -11,21 +11,21 @@ use crate::config::object::{Object, Parts};
 use crate::inspection::{MeshSize, SensorPad, sides};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::mesh::{CleanupReport, Mesh};
-use gelsim_files::mesh::{self, Loaded, MeshFileError, Remark};
+use gelsim_files::mesh::{self, LoadedMesh, MeshFileError, Remark};
 
 /// A file that an `[[object]]` names.
-pub struct File {
-    /// Number of the table.
+pub struct ObjectFile {
+    /// Index of the table.
     pub entry: usize,
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
-    /// The same for labels.
+    /// Path in labels.
     pub label: String,
 }
 
-impl File {
-    /// The file at `path`, which the table of this number names; relative paths in it start from `folder`. In labels it is as
-    /// written, or as a pattern found it from the folder on.
+impl ObjectFile {
+    /// Makes the entry of the file at `path`, which the table with this index names; relative paths in it start from
+    /// `folder`. In labels the path is as written, or as a pattern found it relative to the folder.
     pub fn new(entry: usize, path: PathBuf, object: &Object, folder: &Path) -> Self {
         let written = object.path.as_deref().unwrap_or_default();
         let label = match &object.label_path {
@@ -38,47 +38,48 @@ impl File {
 }
 
 /// A mesh of a file, ready to be pressed.
-pub struct Part {
-    /// Its name in the file; none if it is all of it.
+pub struct MeshPart {
+    /// Name of the part in the file; `None` if the mesh is the complete file.
     pub name: Option<String>,
-    /// Its geometry.
+    /// Geometry of the mesh.
     pub clusters: Arc<Clusters>,
-    /// Its facets.
+    /// Facets of round surfaces.
     pub facets: Facets,
     /// What cleaning removed.
     pub cleaned: CleanupReport,
-    /// How large it is, and where.
+    /// Size and place.
     pub size: MeshSize,
-    /// Rows of the sensor's pixels that its triangles fill in a capture.
+    /// Number of pixel rows that its triangles fill in a capture.
     pub rows_per_capture: f64,
-    /// The format says what a coordinate of 1 is.
+    /// Whether the format defines what a coordinate of 1 is.
     pub knows_its_unit: bool,
-    /// SHA-256 of the file, lower-case hex.
+    /// SHA-256 of the file, in lower-case hex.
     pub sha256: String,
     /// Folders in which the meshes that the file names are found again.
     pub packages: Vec<String>,
-    /// What to know of how the file was read.
+    /// What a user should know of how the file was read.
     pub remarks: Vec<Remark>,
 }
 
-impl Part {
-    fn new(name: Option<String>, loaded: Loaded, pad: &SensorPad) -> Self {
-        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit, packages, remarks } = loaded;
+impl MeshPart {
+    fn new(name: Option<String>, loaded: LoadedMesh, pad: &SensorPad) -> Self {
+        let LoadedMesh { mesh, cleaned, sha256, file_summary, mm_per_unit, states_its_unit, packages, remarks } =
+            loaded;
         let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
-        let knows_its_unit = given.format.knows_its_unit();
-        Self { name, knows_its_unit, packages, remarks, ..Self::of(&mesh, cleaned, sha256, size, pad) }
+        let knows_its_unit = file_summary.format.has_known_unit();
+        Self { name, knows_its_unit, packages, remarks, ..Self::from_mesh(&mesh, cleaned, sha256, size, pad) }
     }
 
-    /// A mesh in millimetres that is all of its file.
-    fn of(mesh: &Mesh, cleaned: CleanupReport, sha256: String, size: MeshSize, pad: &SensorPad) -> Self {
-        let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::of(mesh));
+    /// Makes the part for a mesh in millimetres that is a complete file.
+    fn from_mesh(mesh: &Mesh, cleaned: CleanupReport, sha256: String, size: MeshSize, pad: &SensorPad) -> Self {
+        let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::from_mesh(mesh));
         Self {
             name: None,
             clusters: Arc::new(clusters),
             facets,
             cleaned,
             size,
-            rows_per_capture: sides::rows(mesh, pad),
+            rows_per_capture: sides::count_capture_rows(mesh, pad),
             knows_its_unit: true,
             sha256,
             packages: Vec::new(),
@@ -87,12 +88,13 @@ impl Part {
     }
 }
 
-/// What a file holds, or why it cannot be used.
-pub type Read = Arc<Result<Vec<Part>, MeshFileError>>;
+/// The meshes in a file, or why it cannot be used.
+pub type MeshFileResult = Arc<Result<Vec<MeshPart>, MeshFileError>>;
 
-/// Reads the files, on all threads and each once, however many tables take a part of it.
-pub fn read(objects: &[Object], files: &[File], pad: &SensorPad) -> Vec<Read> {
-    let key = |file: &File| {
+/// Reads the files on all threads. Each file is read once, however many tables use a part of it.
+pub fn read_mesh_files(objects: &[Object], files: &[ObjectFile], pad: &SensorPad) -> Vec<MeshFileResult> {
+    // Tables that read the same file in the same way share the result.
+    let key = |file: &ObjectFile| {
         let object = &objects[file.entry];
         let apart = object.part.is_some() || object.parts == Parts::Separate;
         let plate = object.plate_size().map(|size| [size.mm_per_px, size.height_mm].map(f64::to_bits));
@@ -109,7 +111,7 @@ pub fn read(objects: &[Object], files: &[File], pad: &SensorPad) -> Vec<Read> {
             })
         })
         .collect();
-    let read: Vec<Read> = different
+    let read: Vec<MeshFileResult> = different
         .par_iter()
         .map(|file| {
             let (.., apart, _) = key(file);
@@ -118,16 +120,17 @@ pub fn read(objects: &[Object], files: &[File], pad: &SensorPad) -> Vec<Read> {
                 let plate = mesh::load_plate(&file.path, size);
                 return Arc::new(plate.map(|(mesh, cleaned, sha256)| {
                     let size = MeshSize::new(&mesh, 1.0, true);
-                    vec![Part::of(&mesh, cleaned, sha256, size, pad)]
+                    vec![MeshPart::from_mesh(&mesh, cleaned, sha256, size, pad)]
                 }));
             }
-            let reading = object.reading();
+            let reading = object.read_options();
             let parts = match apart {
                 true => mesh::load_parts(&file.path, reading),
                 false => mesh::load(&file.path, reading).map(|loaded| vec![(String::new(), loaded)]),
             };
-            let part =
-                |(name, loaded): (String, Loaded)| Part::new(Some(name).filter(|name| !name.is_empty()), loaded, pad);
+            let part = |(name, loaded): (String, LoadedMesh)| {
+                MeshPart::new(Some(name).filter(|name| !name.is_empty()), loaded, pad)
+            };
             Arc::new(parts.map(|parts| parts.into_iter().map(part).collect()))
         })
         .collect();

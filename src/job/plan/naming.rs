@@ -1,16 +1,16 @@
-//! Names of classes, where the job gives none: from the files' names, or from the folders that they are in.
+//! Names classes if the job does not: after the files, or after the folders that they are in.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 
-use super::meshes::File;
+use super::meshes::ObjectFile;
 use crate::config::object::{ClassFrom, Object};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 
-/// The class of each file, before its parts are told apart. Where files in different folders have one name, the folder by
-/// which they differ names the class, with a note; unless the job says what does.
-pub fn classes(objects: &[Object], files: &[File], notes: &mut Diagnostics) -> Vec<String> {
-    let mut classes: Vec<String> = files.iter().map(|file| named(&objects[file.entry], file)).collect();
+/// Returns the class of each file, before its parts are told apart. If files in different folders have the same name
+/// and the job does not say otherwise, the folder by which they differ names the class, and there is a note.
+pub fn name_classes(objects: &[Object], files: &[ObjectFile], notes: &mut Diagnostics) -> Vec<String> {
+    let mut classes: Vec<String> = files.iter().map(|file| name_class(&objects[file.entry], file)).collect();
     let mut same: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for (i, file) in files.iter().enumerate() {
         let object = &objects[file.entry];
@@ -20,7 +20,7 @@ pub fn classes(objects: &[Object], files: &[File], notes: &mut Diagnostics) -> V
     }
     for (stem, files_of_stem) in same {
         let paths: Vec<&Path> = files_of_stem.iter().map(|&i| files[i].path.as_path()).collect();
-        let Some(folders) = differing(&paths) else { continue };
+        let Some(folders) = find_distinct_folders(&paths) else { continue };
         let different = folders.iter().collect::<BTreeSet<_>>().len();
         let message = format!(
             "{different} meshes are called `{stem}`: their classes are named after the folders by which they differ, the first \
@@ -28,7 +28,7 @@ pub fn classes(objects: &[Object], files: &[File], notes: &mut Diagnostics) -> V
             folders[0]
         );
         let help = "class_from = \"folder\" under [[object]] says that it is meant, class_from = \"stem\" makes them one class";
-        notes.push(Diagnostic::note(message).of(
+        notes.push(Diagnostic::note(message).about(
             format!("`{stem}`"),
             "names stand for several meshes each, whose classes are named after the folders by which they differ",
         ).help(help));
@@ -39,39 +39,39 @@ pub fn classes(objects: &[Object], files: &[File], notes: &mut Diagnostics) -> V
     classes
 }
 
-fn named(object: &Object, file: &File) -> String {
+fn name_class(object: &Object, file: &ObjectFile) -> String {
     let written = object.path.as_deref().unwrap_or_default();
     match object.class_from.unwrap_or(ClassFrom::Stem) {
-        ClassFrom::Stem => stem(&file.path.to_string_lossy()),
+        ClassFrom::Stem => file_stem(&file.path.to_string_lossy()),
         ClassFrom::File => file.path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
-        ClassFrom::Folder => folder(written, file),
+        ClassFrom::Folder => find_class_folder(written, file),
     }
 }
 
-/// The folder that the first wildcard of the pattern stands for; where that is the file itself, or there is none, the folder
-/// that the file is in.
-fn folder(written: &str, file: &File) -> String {
-    // Before its first wildcard a pattern and what it finds are the same.
-    let found = parts(Path::new(&file.label));
-    let wild = parts(Path::new(written)).iter().position(|part| part.contains(['*', '?', '[']));
+/// Returns the folder that the first wildcard of the pattern stands for. If that is the file itself, or there is no
+/// wildcard, it is the folder that the file is in.
+fn find_class_folder(written: &str, file: &ObjectFile) -> String {
+    // A pattern and what it finds are the same up to the first wildcard.
+    let found = split_path(Path::new(&file.label));
+    let wild = split_path(Path::new(written)).iter().position(|part| part.contains(['*', '?', '[']));
     if let Some(folder) = wild.and_then(|wild| found[..found.len().saturating_sub(1)].get(wild)) {
         return folder.clone();
     }
     let absolute = std::path::absolute(&file.path).unwrap_or_else(|_| file.path.clone());
-    absolute.parent().and_then(|folder| parts(folder).pop()).unwrap_or_else(|| String::from("folder"))
+    absolute.parent().and_then(|folder| split_path(folder).pop()).unwrap_or_else(|| String::from("folder"))
 }
 
-fn parts(path: &Path) -> Vec<String> {
+fn split_path(path: &Path) -> Vec<String> {
     let normal = path.components().filter(|part| !matches!(part, Component::CurDir));
     normal.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()
 }
 
-/// For each path the folder, counted from its end, by which all of them differ; where no single one does, all folders below
-/// the first that they do not share. `None` if they are all in one folder.
-fn differing(paths: &[&Path]) -> Option<Vec<String>> {
+/// Returns for each path the folder, counted from the end, by which all of them differ. If no single folder does, it is
+/// the path below the folders that they share. Returns `None` if all are in one folder.
+fn find_distinct_folders(paths: &[&Path]) -> Option<Vec<String>> {
     let absolute = |path: &&Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
     let folders: Vec<Vec<String>> =
-        paths.iter().map(absolute).map(|path| path.parent().map(parts).unwrap_or_default()).collect();
+        paths.iter().map(absolute).map(|path| path.parent().map(split_path).unwrap_or_default()).collect();
     let different: BTreeSet<&Vec<String>> = folders.iter().collect();
     if different.len() < 2 {
         return None;
@@ -84,19 +84,20 @@ fn differing(paths: &[&Path]) -> Option<Vec<String>> {
         }
     }
     let shared = (0..deepest).take_while(|&k| folders.iter().all(|folder| folder[k] == folders[0][k])).count();
-    // One of them may be above the others: then its own name stands for it.
+    // One of the folders may contain the others; its own name then stands for it.
     let named = |folder: &Vec<String>| folder[shared.min(folder.len().saturating_sub(1))..].join("/");
     Some(folders.iter().map(named).collect())
 }
 
-/// An object's name before numbers tell equal ones apart: the stem of its file, and the part that it is.
-pub fn name(path: &str, part: Option<&str>) -> String {
-    let stem = stem(path);
+/// Returns an object's name: the stem of its file, with the part's name behind it. Numbers that tell equal names apart
+/// are added later.
+pub fn object_name(path: &str, part: Option<&str>) -> String {
+    let stem = file_stem(path);
     part.map_or(stem.clone(), |part| format!("{stem}/{part}"))
 }
 
-/// A mesh's name: that of its file, without folder and ending.
-pub fn stem(path: &str) -> String {
+/// Returns the name of a mesh: that of its file, without folder and extension.
+pub fn file_stem(path: &str) -> String {
     Path::new(path).file_stem().map_or(String::from("object"), |stem| stem.to_string_lossy().into_owned())
 }
 
@@ -105,7 +106,7 @@ mod tests {
     use super::*;
 
     fn differ(paths: &[&str]) -> Option<Vec<String>> {
-        differing(&paths.iter().map(Path::new).collect::<Vec<_>>())
+        find_distinct_folders(&paths.iter().map(Path::new).collect::<Vec<_>>())
     }
 
     #[test]
@@ -122,7 +123,7 @@ mod tests {
     fn a_folder_is_what_the_first_wildcard_stands_for() {
         let of = |written: &str, label: &str| {
             let path = Path::new("/job").join(label);
-            folder(written, &File { entry: 0, path, label: label.into() })
+            find_class_folder(written, &ObjectFile { entry: 0, path, label: label.into() })
         };
         assert_eq!(of("m/*/train/*.off", "m/chair/train/chair_1.off"), "chair");
         assert_eq!(of("./m/*/n.stl", "m/a/n.stl"), "a");

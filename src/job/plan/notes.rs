@@ -1,83 +1,83 @@
-//! What is allowed and yet probably not meant: words of warning about a job, each cause once.
+//! Notes on a job: what is allowed but probably not meant. Each cause is reported once.
 
-use super::remedies::{thinnest_mm, usual_depth};
+use super::remedies::{min_thickness_mm, suggest_depth};
 use super::{chosen_models, sensors};
 use crate::config::Job;
 use gelsim_core::gelpad;
-use gelsim_core::gelpad::elastic::LARGEST_STRAIN;
+use gelsim_core::gelpad::elastic::MAX_STRAIN;
 use gelsim_files::diagnostic::Diagnostic;
-use gelsim_files::figures::{figure, tidy};
-use gelsim_files::source::Place;
+use gelsim_files::number_format::{format_number, round_bound};
+use gelsim_files::source::SourceSpan;
 
-/// Young's moduli of gels and elastomers, kPa.
+/// The range of Young's moduli of gels and elastomers, kPa.
 const MODULI_KPA: [f64; 2] = [1.0, 1e5];
 
-/// Less than this no camera shows, mm.
+/// Depth below which no camera shows a press, mm.
 const SHALLOWEST_MM: f64 = 1e-3;
 
-/// Pixels longer by this factor one way than the other are seen to be.
-const STRETCHED: f64 = 1.1;
+/// Ratio of a pixel's sides above which images look stretched.
+const MAX_PIXEL_STRETCH: f64 = 1.1;
 
-/// Whose sensor a job's is.
+/// The role of the sensor that a note is about.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Whose {
-    /// That of the job itself.
+pub enum SensorRole {
+    /// The sensor of the job itself.
     Job,
-    /// That of a job whose samples have sensors of several presets.
+    /// One of the sensors of a job whose samples use several presets.
     Presets,
-    /// That which sees depth frames, and has as many pixels as they.
+    /// The sensor that sees depth frames, and has as many pixels as they.
     Frames,
-    /// That of a gripper's right finger.
+    /// The sensor of a gripper's right finger.
     Right,
 }
 
-impl Whose {
-    /// The table that says what it is like.
-    fn table(self) -> &'static str {
+impl SensorRole {
+    /// Returns the table of the job that describes the sensor.
+    fn table_name(self) -> &'static str {
         if self == Self::Right { "gripper.right" } else { "sensor" }
     }
 }
 
-/// All of them; `place` knows where a key stands.
-pub fn of(job: &Job, whose: Whose, place: impl Fn(&str) -> Option<Place>) -> Vec<Diagnostic> {
+/// Collects all notes on a job. `place` returns the place of a key.
+pub fn collect_job_notes(job: &Job, whose: SensorRole, place: impl Fn(&str) -> Option<SourceSpan>) -> Vec<Diagnostic> {
     let found = [
-        ("sensor.resolution_px", stretched(job, whose)),
-        (if job.sequence.is_some() { "sequence" } else { "indentation.depth_mm" }, strain(job)),
-        ("gripper.squeeze_mm", squeezed(job)),
-        ("indentation.depth_mm", shallow(job)),
-        ("sensor.gelpad_youngs_modulus_kpa", modulus(job, whose)),
-        ("sequence", out_of_view(job)),
-        ("sequence", off_the_curve(job)),
+        ("sensor.resolution_px", note_stretched_pixels(job, whose)),
+        (if job.sequence.is_some() { "sequence" } else { "indentation.depth_mm" }, note_large_strain(job)),
+        ("gripper.squeeze_mm", note_large_squeeze(job)),
+        ("indentation.depth_mm", note_shallow_press(job)),
+        ("sensor.gelpad_youngs_modulus_kpa", note_unusual_modulus(job, whose)),
+        ("sequence", note_out_of_view(job)),
+        ("sequence", note_off_curve(job)),
     ];
     found.into_iter().filter_map(|(key, note)| Some(note?.at(place(key)))).collect()
 }
 
-/// Pixels that are longer one way than the other: mostly a resolution for a camera that is held the other way.
-fn stretched(job: &Job, whose: Whose) -> Option<Diagnostic> {
+/// Notes pixels that are longer in one direction. Mostly the resolution is that of a camera held the other way.
+fn note_stretched_pixels(job: &Job, whose: SensorRole) -> Option<Diagnostic> {
     let sensor = Some(&job.sensor).filter(|sensor| sensor.shape.is_none())?;
     let (px, mm) = (sensor.resolution_px, sensor.field_of_view_mm);
     let [x, y]: [f64; 2] = std::array::from_fn(|k| mm[k] / px[k].max(1) as f64);
     let is_stretched = |px: [f64; 2], mm: [f64; 2]| {
         let [x, y] = [0, 1].map(|k| mm[k] / px[k]);
-        x.max(y) > STRETCHED * x.min(y)
+        x.max(y) > MAX_PIXEL_STRETCH * x.min(y)
     };
     let px = px.map(|px| f64::from(px.max(1)));
     is_stretched(px, mm).then(|| {
-        let table = whose.table();
-        let view = format!("the view is {} x {} mm", figure(mm[0]), figure(mm[1]));
+        let table = whose.table_name();
+        let view = format!("the view is {} x {} mm", format_number(mm[0]), format_number(mm[1]));
         let kept = [0, 1].map(|k| (px[0].max(px[1]) * mm[k] / mm[0].max(mm[1])).round().max(1.0));
-        // The largest part of the view with the pixels' proportion.
+        // The largest part of the view with the pixels' proportions.
         let part = (mm[0] / px[0]).min(mm[1] / px[1]);
-        let cropped = format!("field_of_view_mm = [{}, {}]", figure(part * px[0]), figure(part * px[1]));
+        let cropped = format!("field_of_view_mm = [{}, {}]", format_number(part * px[0]), format_number(part * px[1]));
         let help = match whose {
-            Whose::Frames if !is_stretched([px[1], px[0]], mm) => {
+            SensorRole::Frames if !is_stretched([px[1], px[0]], mm) => {
                 format!("{view}: turn the frames by 90 degrees, as numpy.rot90 does")
             }
-            Whose::Frames => format!("{view}: --set sensor.{} sees a part of it", cropped.replace(' ', "")),
-            Whose::Presets => format!(
+            SensorRole::Frames => format!("{view}: --set sensor.{} sees a part of it", cropped.replace(' ', "")),
+            SensorRole::Presets => format!(
                 "{view}: give the sensors one view, such as {cropped} under [sensor], or name presets that are held the same way"
             ),
-            // Too few pixels to have any proportion.
+            // There are too few pixels for proportions that fit.
             _ if is_stretched(kept, mm) => format!("{view}: take more pixels, or {cropped} under [{table}]"),
             _ => format!("{view}: write resolution_px = [{}, {}] under [{table}]", kept[0], kept[1]),
         };
@@ -85,12 +85,12 @@ fn stretched(job: &Job, whose: Whose) -> Option<Diagnostic> {
     })
 }
 
-/// Where the object of a sequence may be moved out of the view: the first phase in which it may.
-fn out_of_view(job: &Job) -> Option<Diagnostic> {
+/// Notes the first phase of a sequence in which the object may be moved out of the view.
+fn note_out_of_view(job: &Job) -> Option<Diagnostic> {
     let sequence = job.sequence.as_ref().filter(|_| job.sensor.shape.is_none())?;
     let half_mm = job.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
     let mut reach = [&job.pose.x_mm, &job.pose.y_mm].map(|quantity| quantity.support());
-    // Who begins there means it.
+    // An object that begins out of view is meant to.
     let outside = |reach: &[(f64, f64); 2]| (0..2).find(|k| reach[*k].0.abs().max(reach[*k].1.abs()) > half_mm[*k]);
     if outside(&reach).is_some() {
         return None;
@@ -111,30 +111,30 @@ fn out_of_view(job: &Job) -> Option<Diagnostic> {
     })
 }
 
-/// Where the object of a sequence may be moved so far over a gel that has a shape that this falls away below it: motions are in
-/// the plane that the object is posed over.
-fn off_the_curve(job: &Job) -> Option<Diagnostic> {
+/// Notes a phase in which the object may be moved so far that a curved gel falls away below it, since motions are in
+/// the plane over which the object is posed.
+fn note_off_curve(job: &Job) -> Option<Diagnostic> {
     let sequence = job.sequence.as_ref()?;
-    let shape = job.sensor.gel()?;
+    let shape = job.sensor.gel_shape()?;
     let radius_mm = shape.radius_mm();
     let from_tip_mm = job.pose.from_tip_mm.as_ref().map_or(0.0, |from_tip| from_tip.support().0);
     let around_deg = job.pose.around_deg.as_ref().map_or(0.0, |around| around.support().0);
-    // A finger is straight along itself, below its cap.
+    // The side of a finger, below its cap, is straight lengthwise.
     let straight = shape.wall_mm().is_some() && from_tip_mm >= std::f64::consts::FRAC_PI_2 * radius_mm;
     let drop_mm = |k: usize, by_mm: f64| match shape.surface() {
         None if straight && k == 0 => 0.0,
         None => radius_mm - libm::sqrt((radius_mm * radius_mm - by_mm * by_mm).max(0.0)),
-        // Of a mesh where its samples begin to be.
+        // For a mesh, the drop is measured at the smallest distance and angle that may be drawn.
         Some(surface) => {
             let (axes, origin_mm) = surface.frame_at(from_tip_mm, around_deg);
             let below = origin_mm + axes.col(k) * by_mm - 2.0 * radius_mm * axes.z_axis;
-            let there = surface.left_by(below, axes.z_axis);
-            there.map_or(f64::INFINITY, |(point, _)| (origin_mm - point).dot(axes.z_axis))
+            let exit = surface.find_exit(below, axes.z_axis);
+            exit.map_or(f64::INFINITY, |(point, _)| (origin_mm - point).dot(axes.z_axis))
         }
     };
     let (mut reach, mut deepest_mm) = ([(0.0, 0.0); 2], 0.0_f64);
     sequence.phase.iter().find_map(|phase| {
-        // How deep a force takes it is not known.
+        // The depth to which a force presses is not known.
         deepest_mm = match (&phase.depth_mm, &phase.force_n) {
             (Some(depth), _) => depth.support().1,
             (None, Some(_)) => f64::INFINITY,
@@ -146,13 +146,13 @@ fn off_the_curve(job: &Job) -> Option<Diagnostic> {
         let ends = (0..2).flat_map(|k| [(k, reach[k].0), (k, reach[k].1)]);
         let drops = ends.map(|(k, by_mm)| (by_mm.abs(), drop_mm(k, by_mm)));
         let (farthest_mm, drop_mm) = drops.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let there = match drop_mm.is_finite() {
+        let place = match drop_mm.is_finite() {
             true => format!("where the gel lies {drop_mm:.2} mm lower, and depth_mm is {deepest_mm} at most"),
             false => String::from("where there is no gel"),
         };
         (deepest_mm > 0.0 && drop_mm > deepest_mm).then(|| {
             let message = format!(
-                "in phase `{}` the object may come {farthest_mm} mm from where it began, {there}: it may leave the gel",
+                "in phase `{}` the object may come {farthest_mm} mm from where it began, {place}: it may leave the gel",
                 phase.name.as_deref().unwrap_or_default(),
             );
             Diagnostic::warning(message).help("move it less: x_mm and y_mm of the phases add up")
@@ -160,8 +160,8 @@ fn off_the_curve(job: &Job) -> Option<Diagnostic> {
     })
 }
 
-/// Where the elastic pad is pressed beyond what its theory holds for.
-fn strain(job: &Job) -> Option<Diagnostic> {
+/// Notes a press of the elastic pad beyond the range of linear elasticity.
+fn note_large_strain(job: &Job) -> Option<Diagnostic> {
     let deepest = match &job.sequence {
         None => job.indentation.depth_mm.as_ref()?.support().1,
         Some(sequence) => {
@@ -169,54 +169,56 @@ fn strain(job: &Job) -> Option<Diagnostic> {
             depths.map(|depth| depth.support().1).fold(0.0, f64::max)
         }
     };
-    let thickness = thinnest_mm(job);
+    let thickness = min_thickness_mm(job);
     let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
-    (elastic && deepest > LARGEST_STRAIN * thickness).then(|| {
+    (elastic && deepest > MAX_STRAIN * thickness).then(|| {
         let key = if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" };
-        beyond_theory(format!("{key} may be {deepest}, over half of the pad's {thickness} mm"), thickness)
+        note_beyond_theory(format!("{key} may be {deepest}, over half of the pad's {thickness} mm"), thickness)
     })
 }
 
-/// Where a gripper squeezes both its pads beyond that.
-fn squeezed(job: &Job) -> Option<Diagnostic> {
+/// Notes a squeeze of both pads of a gripper beyond the range of linear elasticity.
+fn note_large_squeeze(job: &Job) -> Option<Diagnostic> {
     let gripper = job.gripper.as_ref()?;
     let most = gripper.squeeze_mm.as_ref()?.support().1;
-    let [left, _] = sensors::support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
+    let [left, _] = sensors::number_support(job, "gelpad_thickness_mm", job.sensor.gelpad_thickness_mm);
     let both = left + gripper.right.as_ref().map_or(left, |right| right.gelpad_thickness_mm);
-    (most > LARGEST_STRAIN * both)
-        .then(|| beyond_theory(format!("gripper.squeeze_mm may be {most}, over half of both pads' {both} mm"), both))
+    (most > MAX_STRAIN * both).then(|| {
+        note_beyond_theory(format!("gripper.squeeze_mm may be {most}, over half of both pads' {both} mm"), both)
+    })
 }
 
-fn beyond_theory(deepest: String, thickness_mm: f64) -> Diagnostic {
+fn note_beyond_theory(deepest: String, thickness_mm: f64) -> Diagnostic {
     Diagnostic::note(format!("{deepest}: linear elasticity does not hold there")).help(format!(
         "stay at {} mm or below, or leave samples out by numerics.beyond_theory in their labels",
-        tidy(LARGEST_STRAIN * thickness_mm, true)
+        round_bound(MAX_STRAIN * thickness_mm, true)
     ))
 }
 
-/// Where no press can be seen.
-fn shallow(job: &Job) -> Option<Diagnostic> {
+/// Notes a press that is too shallow to be seen.
+fn note_shallow_press(job: &Job) -> Option<Diagnostic> {
     let deepest = job.indentation.depth_mm.as_ref()?.support().1;
     (deepest < SHALLOWEST_MM).then(|| {
         let message =
             format!("indentation.depth_mm is at most {deepest}, less than a micrometre, which no camera shows");
-        let help = format!("its unit is mm, such as {}", usual_depth(thinnest_mm(job)));
-        Diagnostic::warning(message).explains_misses().help(help)
+        let help = format!("its unit is mm, such as {}", suggest_depth(min_thickness_mm(job)));
+        Diagnostic::warning(message).explaining_no_contact().help(help)
     })
 }
 
-/// Where the gelpad is softer than a gel or harder than a rubber.
-fn modulus(job: &Job, whose: Whose) -> Option<Diagnostic> {
-    let [softest, hardest] = sensors::support(job, "gelpad_youngs_modulus_kpa", job.sensor.gelpad_youngs_modulus_kpa);
+/// Notes a gelpad that is softer than a gel or harder than a rubber.
+fn note_unusual_modulus(job: &Job, whose: SensorRole) -> Option<Diagnostic> {
+    let [softest, hardest] =
+        sensors::number_support(job, "gelpad_youngs_modulus_kpa", job.sensor.gelpad_youngs_modulus_kpa);
     let [least, most] = MODULI_KPA;
     let odd = if softest < least { Some(softest) } else { (hardest > most).then_some(hardest) };
     odd.map(|kpa| {
-        let table = whose.table();
+        let table = whose.table_name();
         let message = format!("{table}.gelpad_youngs_modulus_kpa may be {kpa}, where gelpads have {least} to {most}");
-        // Pascals or megapascals, if either is what a gel has.
+        // Perhaps the value is in pascals or megapascals.
         let meant = [1e-3, 1e3].map(|factor| factor * kpa).into_iter().find(|kpa| (least..=most).contains(kpa));
         let such_as =
-            meant.map_or(String::new(), |kpa| format!(", such as gelpad_youngs_modulus_kpa = {}", figure(kpa)));
+            meant.map_or(String::new(), |kpa| format!(", such as gelpad_youngs_modulus_kpa = {}", format_number(kpa)));
         Diagnostic::warning(message).help(format!("its unit is kPa{such_as}; it scales forces and pressures only"))
     })
 }

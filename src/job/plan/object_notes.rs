@@ -1,4 +1,4 @@
-//! What is allowed of an object and yet probably not meant, said once for each mesh.
+//! Notes on the objects of a job: what is allowed but probably not meant. Each is made once for each mesh.
 
 use std::num::NonZeroU32;
 
@@ -12,34 +12,34 @@ use gelsim_core::mesh::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::Diagnostic;
-use gelsim_files::figures::figure;
+use gelsim_files::number_format::format_number;
 use gelsim_files::sensor::quantity::Quantity;
 
-/// Angles between neighbouring facets, degrees, that stand for a round surface: below it no image shows them, above it they
-/// are edges.
+/// Angles between neighbouring facets, degrees, that approximate a round surface. Smaller ones are not visible in any
+/// image, and larger ones are edges.
 const ROUND_DEG: [f64; 2] = [1.0, 30.0];
 
-/// Share of a mesh's area in facets that stand for round surfaces, from which on it is said.
-const MOSTLY: f64 = 0.5;
+/// Fraction of a mesh's area in facets of round surfaces from which on there is a note.
+const MIN_FACET_SHARE: f64 = 0.5;
 
-/// Width of a facet that is seen for what it is, as a share of the view's shorter side: the pad rounds smaller ones.
-const SEEN: f64 = 0.05;
+/// Width from which a facet is visible, as a fraction of the view's shorter side. The pad smooths narrower ones.
+const MIN_VISIBLE_WIDTH: f64 = 0.05;
 
-/// The facets of a mesh that stand for round surfaces.
+/// The facets of a mesh that approximate round surfaces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Facets {
-    /// Share of the mesh's area that they make up.
+    /// Fraction of the mesh's area in such facets.
     pub share: f64,
-    /// Their width from one such edge to the next, the mean by area, mm. Where two meet it is the narrower one's: a flat face
-    /// beside a rounded edge is no facet of it.
+    /// Mean width of such facets between their edges, weighted by area, mm. At an edge the width of the narrower facet
+    /// counts, so that a flat face beside a rounded edge is no facet of it.
     pub width_mm: f64,
-    /// Angle between neighbours, the mean by area, degrees.
+    /// Mean angle between neighbours, weighted by area, degrees.
     pub angle_deg: f64,
 }
 
 impl Facets {
-    /// Those of a mesh.
-    pub fn of(mesh: &Mesh) -> Self {
+    /// Measures the facets of a mesh.
+    pub fn from_mesh(mesh: &Mesh) -> Self {
         let corners = |triangle: &[u32; 3]| {
             triangle.map(|vertex| DVec3::from_array(mesh.vertices[vertex as usize].map(f64::from)))
         };
@@ -52,13 +52,14 @@ impl Facets {
             })
             .collect();
         let steepest_cos = ROUND_DEG.map(|deg| sin_cos_deg(deg).1);
-        // Of each triangle the steepest angle to a neighbour that still is a round surface's, and its width across that edge.
+        // For each triangle: the largest angle to a neighbour that still belongs to a round surface, and the width
+        // across that edge.
         let mut steepest = vec![[0.0_f64; 2]; across.len()];
-        let mut edges = Edges::of(mesh);
+        let mut edges = MeshEdges::from_mesh(mesh);
         for (number, triangle) in mesh.triangles.iter().enumerate() {
             for k in 0..3 {
                 let edge = [triangle[k], triangle[(k + 1) % 3]];
-                let Some(other) = edges.last_at(edge, number) else { continue };
+                let Some(other) = edges.replace_last_triangle(edge, number) else { continue };
                 let areas = [across[number], across[other]].map(DVec3::length);
                 let cos = across[number].dot(across[other]) / (areas[0] * areas[1]);
                 if cos < steepest_cos[0] && cos >= steepest_cos[1] {
@@ -88,9 +89,9 @@ impl Facets {
     }
 }
 
-/// The edges of a mesh, each with the triangle that was last seen at it: in a list of that end of it at which fewer triangles
-/// are, so that the tip of a fan has no long one.
-struct Edges {
+/// The edges of a mesh, each with the triangle that was last seen at it. An edge is in the list of that of its ends at
+/// which fewer triangles meet, so that the tip of a fan has no long list.
+struct MeshEdges {
     triangles_at: Vec<u32>,
     first: Vec<Option<NonZeroU32>>,
     all: Vec<Edge>,
@@ -99,21 +100,21 @@ struct Edges {
 struct Edge {
     other_end: u32,
     triangle: u32,
-    /// The next one of the list, counted from 1.
+    /// The next edge of the list, counted from 1.
     next: Option<NonZeroU32>,
 }
 
-impl Edges {
-    /// Of a mesh, none of them seen.
-    fn of(mesh: &Mesh) -> Self {
+impl MeshEdges {
+    /// Prepares for the edges of a mesh, none of which was seen yet.
+    fn from_mesh(mesh: &Mesh) -> Self {
         let mut triangles_at = vec![0; mesh.vertices.len()];
         mesh.triangles.as_flattened().iter().for_each(|vertex| triangles_at[*vertex as usize] += 1);
         let first = vec![None; mesh.vertices.len()];
         Self { triangles_at, first, all: Vec::with_capacity(mesh.triangles.len() * 3 / 2) }
     }
 
-    /// The triangle that was last at an edge, if one was; from now on it is this one.
-    fn last_at(&mut self, mut edge: [u32; 2], triangle: usize) -> Option<usize> {
+    /// Records a triangle at an edge, and returns the one that was recorded there before, if any.
+    fn replace_last_triangle(&mut self, mut edge: [u32; 2], triangle: usize) -> Option<usize> {
         edge.sort_unstable_by_key(|vertex| (self.triangles_at[*vertex as usize], *vertex));
         let [end, other_end] = edge;
         let first = &mut self.first[end as usize];
@@ -131,25 +132,35 @@ impl Edges {
     }
 }
 
-/// All that is to be said of a mesh that messages call `shown`, as this job presses it.
-pub fn of(shown: &str, job: &Job, scale: &Quantity, object: &Clusters, facets: &Facets) -> Vec<Diagnostic> {
+/// Collects all notes on a mesh that messages call `shown`, as this job presses it.
+pub fn collect_object_notes(
+    shown: &str,
+    job: &Job,
+    scale: &Quantity,
+    object: &Clusters,
+    facets: &Facets,
+) -> Vec<Diagnostic> {
     if job.sensor.resolution_px.contains(&0) {
         return Vec::new();
     }
-    let found = [faceted(shown, job, scale, facets), flat(shown, job, object), out_of_view(shown, job, scale, object)];
+    let found = [
+        note_visible_facets(shown, job, scale, facets),
+        note_flat_side(shown, job, object),
+        note_out_of_view(shown, job, scale, object),
+    ];
     found.into_iter().flatten().collect()
 }
 
-/// Where the facets of round surfaces are so large that the image shows them.
-fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<Diagnostic> {
+/// Notes facets of round surfaces that are so large that the image shows them.
+fn note_visible_facets(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<Diagnostic> {
     let sensor = &job.sensor;
     let [shorter_mm, px] = match sensor.field_of_view_mm[0] < sensor.field_of_view_mm[1] {
         true => [sensor.field_of_view_mm[0], f64::from(sensor.resolution_px[0])],
         false => [sensor.field_of_view_mm[1], f64::from(sensor.resolution_px[1])],
     };
     let width_mm = facets.width_mm * scale.support().0;
-    (facets.share > MOSTLY && width_mm > SEEN * shorter_mm).then(|| {
-        let width = figure(width_mm);
+    (facets.share > MIN_FACET_SHARE && width_mm > MIN_VISIBLE_WIDTH * shorter_mm).then(|| {
+        let width = format_number(width_mm);
         let message = format!(
             "{shown}: its round surfaces are facets some {width} mm ({:.0} px) wide that meet at some {:.1} degrees, which images \
              show",
@@ -158,35 +169,35 @@ fn faceted(shown: &str, job: &Job, scale: &Quantity, facets: &Facets) -> Option<
         );
         Diagnostic::note(message)
             .help("export it with smaller facets")
-            .of(format!("{shown} ({width} mm)"), "meshes have round surfaces of facets so wide that images show them")
+            .about(format!("{shown} ({width} mm)"), "meshes have round surfaces of facets so wide that images show them")
     })
 }
 
-/// Where the side that is pressed, always level, is flat and another is not.
-fn flat(shown: &str, job: &Job, object: &Clusters) -> Option<Diagnostic> {
+/// Notes a pressed side that is flat while another one is not. Only for a side that is always pressed level.
+fn note_flat_side(shown: &str, job: &Job, object: &Clusters) -> Option<Diagnostic> {
     let pose = &job.pose;
     let level = pose.tilt_deg.support() == (0.0, 0.0) && pose.roll_deg.is_none() && pose.pitch_deg.is_none();
     let side = pose.face.side().filter(|_| level && job.sequence.is_none() && job.sensor.shape.is_none())?;
     let reach_mm = job.sensor.gelpad_thickness_mm;
-    let other = Face::of(faces::relief_beside(side, object, reach_mm)?).name();
-    let side = Face::of(side).name();
+    let other = Face::from_side(faces::find_richer_side(side, object, reach_mm)?).name();
+    let side = Face::from_side(side).name();
     let message = format!("{shown}: its side {side}, which [pose] presses, is flat, and others are not");
     let help = format!(
         "write face = \"auto\" under [pose], which presses of each object the side with the most relief, or face = \"{other}\""
     );
     let cause = format!("meshes are flat on their side {side}, which [pose] presses, and not on others");
-    // It may be meant: a side is seen by its outline, too.
-    Some(Diagnostic::info(message).help(help).of(shown, cause))
+    // This is information only: a flat side may be meant, since its outline is visible.
+    Some(Diagnostic::info(message).help(help).about(shown, cause))
 }
 
-/// Where no draw of the pose brings any of the object into view.
-fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> Option<Diagnostic> {
+/// Notes an object that no draw of the pose brings into view.
+fn note_out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> Option<Diagnostic> {
     if job.sensor.shape.is_some() || job.sequence.is_some() {
         return None;
     }
     let corner = [DVec3::X, DVec3::Y, DVec3::Z]
         .map(|axis| object.extreme(axis.to_array()).max(object.extreme((-axis).to_array())));
-    // From the point that is placed to the farthest one, whatever the turn.
+    // The greatest distance from the point that is placed to any point of the object, for any rotation.
     let across = DVec3::from_array(corner).length();
     let reach_mm = scale.support().1
         * match job.pose.anchor {
@@ -202,13 +213,13 @@ fn out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> O
         let message = format!(
             "{shown} is never in view: [pose] places it at {axis}_mm = {place}, it reaches {} mm from there at most, and \
              the view ends at {} mm",
-            figure(reach_mm),
+            format_number(reach_mm),
             half_mm[k]
         );
         Diagnostic::warning(message)
-            .explains_misses()
+            .explaining_no_contact()
             .help(format!("{axis}_mm counts from the middle of the view, in mm: write {axis}_mm = 0.0"))
-            .of(format!("{shown} (reaches {} mm)", figure(reach_mm)), format!("meshes are never in view: [pose] places them at {axis}_mm = {place}"))
+            .about(format!("{shown} (reaches {} mm)", format_number(reach_mm)), format!("meshes are never in view: [pose] places them at {axis}_mm = {place}"))
     })
 }
 
@@ -220,7 +231,7 @@ mod tests {
 
     use super::*;
 
-    /// A cylinder around z of so many corners.
+    /// A cylinder around z with this many corners.
     fn cylinder(corners: u32, radius_mm: f64) -> Mesh {
         let angle = |k: u32| std::f64::consts::TAU * f64::from(k) / f64::from(corners);
         let ring = |z: f64| (0..corners).map(move |k| [radius_mm * angle(k).cos(), radius_mm * angle(k).sin(), z]);
@@ -232,12 +243,12 @@ mod tests {
 
     #[test]
     fn facets_of_a_cylinder_meet_at_a_turn_over_its_corners() {
-        let facets = Facets::of(&cylinder(36, 5.0));
+        let facets = Facets::from_mesh(&cylinder(36, 5.0));
         assert!((facets.angle_deg - 10.0).abs() < 0.01 && facets.share > 0.999, "{facets:?}");
         assert!((facets.width_mm - 0.8716).abs() < 1e-3, "{facets:?}");
-        // Of six corners they are edges, of a thousand nobody sees them.
-        assert_eq!(Facets::of(&cylinder(6, 5.0)).share, 0.0);
-        assert_eq!(Facets::of(&cylinder(1000, 5.0)).share, 0.0);
+        // With six corners they are edges; with a thousand nobody sees them.
+        assert_eq!(Facets::from_mesh(&cylinder(6, 5.0)).share, 0.0);
+        assert_eq!(Facets::from_mesh(&cylinder(1000, 5.0)).share, 0.0);
     }
 
     proptest! {
@@ -248,11 +259,11 @@ mod tests {
             let different = |[a, b, c]: &[u32; 3]| a != b && b != c && c != a;
             let triangles: Vec<[u32; 3]> = triangles.into_iter().filter(different).collect();
             let mesh = Mesh { vertices: vec![[0.0; 3]; 12], triangles, centre_mm: [0.0; 3] };
-            let (mut edges, mut known) = (Edges::of(&mesh), HashMap::new());
+            let (mut edges, mut known) = (MeshEdges::from_mesh(&mesh), HashMap::new());
             for (number, triangle) in mesh.triangles.iter().enumerate() {
                 for k in 0..3 {
                     let [a, b] = [triangle[k], triangle[(k + 1) % 3]];
-                    prop_assert_eq!(edges.last_at([a, b], number), known.insert([a.min(b), a.max(b)], number));
+                    prop_assert_eq!(edges.replace_last_triangle([a, b], number), known.insert([a.min(b), a.max(b)], number));
                 }
             }
         }
@@ -269,7 +280,7 @@ mod tests {
         let vertices = along(0.0).chain(along(10.0)).collect();
         let quad = |k: u32| [k, k + 1, k + 1 + count, k + count];
         let triangles = (0..count - 1).map(quad).flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-        let facets = Facets::of(&Mesh::new(vertices, triangles).expect("a mesh").0);
+        let facets = Facets::from_mesh(&Mesh::new(vertices, triangles).expect("a mesh").0);
         assert!(facets.width_mm < 0.2, "{facets:?}");
     }
 }

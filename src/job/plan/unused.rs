@@ -1,24 +1,25 @@
-//! Keys that a job gives and that change nothing in it: what its user wanted does not happen, and nothing else would say so.
+//! Finds keys of a job that have no effect. What the user wanted does not happen, and nothing else would say so.
 
 use super::chosen_models;
 use crate::config::Job;
 use crate::config::dataset::{ObjectOrder, SplitBy};
-use crate::config::document::{Document, RESOLVED};
-use crate::layers::{Coding, OutputLayer};
+use crate::config::document::{Document, RESOLVED_HEADER};
+use crate::layers::{LayerCoding, OutputLayer};
 use gelsim_core::gelpad;
 use gelsim_core::optics;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::mesh::Format;
 
-/// A note for each key without effect. The job of a dataset has all keys written, which says nothing of what somebody wants.
-pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {
-    if document.sources.first().is_some_and(|job| job.text.contains(RESOLVED)) {
+/// Makes a note for each key without effect. A job.toml of a dataset is exempt: it has all keys, which says nothing of
+/// what the user wants.
+pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
+    if document.sources.first().is_some_and(|job| job.text.contains(RESOLVED_HEADER)) {
         return Vec::new();
     }
     let given = |key: &str| {
         let place = document.get(key)?.place;
         let source = document.sources.get(place.source)?;
-        // In the job or on the command line; a sensor's file serves other jobs, too.
+        // Only keys in the job or on the command line count, since a sensor file serves other jobs, too.
         (place.source == 0 || source.name.starts_with("--")).then_some(place)
     };
     let mut notes = Vec::new();
@@ -39,7 +40,7 @@ pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {
     let is_tilted = job.pose.tilt_deg.support() != (0.0, 0.0);
     note("pose.tilt_azimuth_deg", is_tilted, "objects are not tilted", "add tilt_deg, or leave it out");
     let layers = job.output.layers_in_order();
-    let writes_exr = layers.iter().any(|layer| layer.coding(job.output.depth_format) == Coding::Exr);
+    let writes_exr = layers.iter().any(|layer| layer.coding_for(job.output.depth_format) == LayerCoding::Exr);
     note("output.exr", writes_exr, "no layer is written as EXR", "leave it out");
     let shows_motion = job.markers.is_some()
         || job.sensor.pins.is_some()
@@ -47,13 +48,13 @@ pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {
         || job.gripper.as_ref().is_some_and(|gripper| gripper.right.is_some());
     note(
         "shear",
-        shows_motion || !job.shear.any(),
+        shows_motion || !job.shear.has_motion(),
         "only markers, pins and the layer `flow` show how the pad moves in its own plane",
         "add a [markers] table or the layer flow",
     );
     note(
         "shear.friction",
-        job.shear.any(),
+        job.shear.has_motion(),
         "nothing moves the object",
         "add x_mm = [-0.3, 0.3] or twist_deg, or leave it out",
     );
@@ -77,9 +78,9 @@ pub fn of(job: &Job, document: &Document) -> Vec<Diagnostic> {
     notes
 }
 
-/// The same of the tables of objects, before each becomes a table of its own.
-pub fn of_objects(job: &Job, document: &Document) -> Vec<Diagnostic> {
-    if document.sources.first().is_some_and(|job| job.text.contains(RESOLVED)) {
+/// Makes a note for each key of an `[[object]]` table without effect, before each object becomes a table of its own.
+pub fn note_unused_object_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
+    if document.sources.first().is_some_and(|job| job.text.contains(RESOLVED_HEADER)) {
         return Vec::new();
     }
     let mut notes = Vec::new();
@@ -88,7 +89,9 @@ pub fn of_objects(job: &Job, document: &Document) -> Vec<Diagnostic> {
             if let Some(node) = document.get(&format!("object.{i}.{key}")).filter(|_| !unless) {
                 let message = format!("`{key}` has no effect: {why}");
                 let cause = format!("tables [[object]] have a `{key}` without effect: {why}");
-                notes.push(Diagnostic::note(message).help(help).at(node.place).of(format!("number {}", i + 1), cause));
+                notes.push(
+                    Diagnostic::note(message).help(help).at(node.place).about(format!("number {}", i + 1), cause),
+                );
             }
         };
         let in_turn = job.dataset.object_order == ObjectOrder::InTurn;

@@ -10,10 +10,10 @@ use crate::label::{
 };
 use crate::steps::Steps;
 use gelsim_core::camera::CameraParams;
-use gelsim_core::effects::{Effect, Note, PerEffect};
+use gelsim_core::effects::{Effect, EffectNote, PerEffect};
 use gelsim_core::impression::SlidingState;
 
-/// What is known about a sequence.
+/// Label of a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SequenceLabel {
     /// What holds for all of its frames.
@@ -45,21 +45,21 @@ pub struct CommonLabel {
     pub sensor: SensorLabel,
     /// The camera.
     pub camera: CameraParams,
-    /// What it was simulated with.
+    /// The models by which it was simulated.
     #[serde(flatten)]
     pub models: ModelsLabel,
-    /// What the values of 16-bit layers mean; all 0 where `output.depth_format` is another.
+    /// Scales of 16-bit layers; all 0 if `output.depth_format` is another.
     pub png16: Steps,
-    /// What happens.
+    /// Course of the sequence.
     pub sequence: SequenceInfo,
 }
 
-/// What happens in a sequence.
+/// Course of a sequence.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SequenceInfo {
-    /// Frames a second.
+    /// Frames per second.
     pub frame_rate_hz: f64,
-    /// How many there are.
+    /// Number of frames.
     pub frames: u32,
     /// Coefficient of friction between pad and object; null if nothing slips.
     pub friction_coefficient: Option<f64>,
@@ -74,80 +74,81 @@ pub struct SequenceInfo {
 /// A phase of a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PhaseLabel {
-    /// Its name.
+    /// Name of the phase.
     pub name: String,
-    /// s.
+    /// Duration, s.
     pub duration_s: f64,
     /// Number of its first frame; that of the next phase if it is shorter than a frame.
     pub first_frame: u32,
-    /// How many it has.
+    /// Number of its frames.
     pub frames: u32,
-    /// Indentation depth at its end, mm; below 0 the object is above the pad.
+    /// Indentation depth at the end of the phase, mm; below 0 the object is above the pad.
     pub depth_mm: f64,
-    /// Normal force that was wanted at its end, N; 0 if a depth was, or none.
+    /// Normal force that was wanted at the end of the phase, N; 0 if a depth was wanted, or nothing.
     pub force_n: f64,
     /// Motion of the object in the pad's plane, mm.
     pub shift_mm: [f64; 2],
-    /// Turn from x towards y, degrees.
+    /// Turn of the object from x towards y, degrees.
     pub twist_deg: f64,
-    /// Tilt about the lowest point, degrees.
+    /// Tilt of the object about the lowest point, degrees.
     pub tilt_deg: f64,
     /// Direction of the tilt's axis, degrees.
     pub tilt_azimuth_deg: f64,
 }
 
-/// What is known about a frame.
+/// Label of a frame of a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameLabel {
-    /// Its number, from 0 on; four digits of it stand in the names of its files.
+    /// Number of the frame, counted from 0; four digits of it stand in the names of its files.
     pub index: u32,
     /// Time since the start of the sequence, s.
     pub t_s: f64,
     /// Name of the phase that it is in.
     pub phase: String,
-    /// Where the object is: p = R q + t takes a point q of the mesh (mm) to the sensor's frame (mm).
+    /// Pose of the object: p = R q + t takes a point q of the mesh (mm) to the sensor's frame (mm).
     pub pose: PoseLabel,
-    /// How deep the object's lowest point reaches below the undeformed pad, mm; 0 if it does not.
+    /// Depth of the object's lowest point below the undeformed pad, mm; 0 if it is above.
     pub indentation_depth_mm: f64,
     /// The contact, as far as it is in view.
     pub contact: ContactLabel,
-    /// What the object does to the pad, in view and beyond.
+    /// Force and torque of the object on the pad, in view and beyond.
     pub wrench: WrenchLabel,
-    /// What friction does.
+    /// State of friction.
     pub slip: SlipLabel,
     /// The pad's markers.
     pub markers: MarkersLabel,
-    /// How well the gelpad model solved its problem, and how far the light is from what was measured.
+    /// How well the gelpad model solved its problem, and how much of the light is extrapolated.
     pub numerics: NumericsLabel,
-    /// What a check of the frame found.
+    /// Result of the check of the frame.
     pub health: Health,
-    /// For each effect whether it ran and why or why not.
-    pub effects: PerEffect<Note>,
+    /// For each effect whether it ran, and why or why not.
+    pub effects: PerEffect<EffectNote>,
 }
 
-/// Force and torque of the object on the pad, in the sensor's frame, about the middle of the image on the undeformed pad.
+/// Force and torque of the object on the pad, in the sensor's frame, about the middle of the image on the undeformed
+/// pad.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WrenchLabel {
-    /// Along x, y and z, N; pressing is negative.
+    /// Force along x, y and z, N; pressing is negative.
     pub force_n: [f64; 3],
-    /// About x, y and z, N mm.
+    /// Torque about x, y and z, N mm.
     pub torque_nmm: [f64; 3],
 }
 
-/// What friction does in a frame.
+/// State of friction in a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SlipLabel {
-    /// How much slips.
+    /// How much of the contact slips.
     pub state: SlipState,
-    /// Share of the contact that sticks, 0 to 1; 0 without contact.
+    /// Fraction of the contact that sticks, 0 to 1; 0 without contact.
     pub stick_fraction: f64,
-    /// How far the pad has slid along the object since they touched, mean over the contact, mm.
+    /// How far the pad has slid along the object since they touched, as a mean over the contact, mm.
     pub displacement_mm: [f64; 2],
-    /// Energy that slip turned into heat since the frame before, N mm.
+    /// Energy that slip has turned into heat since the frame before, N mm.
     pub dissipated_nmm: f64,
-    /// Iterations for the tractions.
+    /// Number of iterations for the tractions.
     pub iterations: u32,
-    /// How far the law of friction is not met, um.
+    /// Residual of Coulomb's law, um.
     pub residual_um: f64,
 }
 
@@ -155,25 +156,25 @@ pub struct SlipLabel {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SlipState {
-    /// At most a twentieth of it, or nothing touches.
+    /// At most a twentieth of the contact, or nothing touches.
     #[default]
     None,
-    /// More than that.
+    /// More than a twentieth of the contact, but not all of it.
     Incipient,
-    /// All of it.
+    /// All of the contact.
     Gross,
 }
 
-/// Share of a contact that may slip and still counts as sticking: its rim always does.
-const RIM: f64 = 0.05;
+/// Fraction of a contact that may slip while the contact still counts as sticking, since its rim always slips.
+const STICKING_RIM_SHARE: f64 = 0.05;
 
 impl SlipLabel {
-    fn new(slid: &SlidingState) -> Self {
-        let slip = slid.slip;
+    fn new(sliding: &SlidingState) -> Self {
+        let slip = sliding.slip;
         let state = match (slip.touches, slip.gross) {
             (false, _) => SlipState::None,
             (true, true) => SlipState::Gross,
-            (true, false) if slip.stick_fraction >= 1.0 - RIM => SlipState::None,
+            (true, false) if slip.stick_fraction >= 1.0 - STICKING_RIM_SHARE => SlipState::None,
             (true, false) => SlipState::Incipient,
         };
         Self {
@@ -188,20 +189,20 @@ impl SlipLabel {
 }
 
 impl FrameLabel {
-    /// Of what a press of it would be labelled, and what friction did.
-    pub fn new(index: u32, t_s: f64, phase: &str, press: Label, slid: Option<&SlidingState>) -> Self {
+    /// Makes the label of a frame from the label that a press of it would have, and from the state of friction.
+    pub fn new(index: u32, t_s: f64, phase: &str, press: Label, sliding: Option<&SlidingState>) -> Self {
         let Label { pose, indentation_depth_mm, contact, markers, mut numerics, mut health, effects, .. } = press;
-        if let Some(slid) = slid.filter(|slid| !slid.slip.converged) {
+        if let Some(sliding) = sliding.filter(|sliding| !sliding.slip.converged) {
             numerics.converged = false;
             if health.healthy {
                 health.healthy = false;
-                let residual_um = 1e3 * slid.slip.residual_mm;
+                let residual_um = 1e3 * sliding.slip.residual_mm;
                 health.reason = format!("friction is not solved: {residual_um:.3} um are left");
             }
         }
-        let wrench = slid.map_or_else(WrenchLabel::default, |slid| WrenchLabel {
-            force_n: slid.wrench.force_n,
-            torque_nmm: slid.wrench.torque_nmm,
+        let wrench = sliding.map_or_else(WrenchLabel::default, |sliding| WrenchLabel {
+            force_n: sliding.wrench.force_n,
+            torque_nmm: sliding.wrench.torque_nmm,
         });
         Self {
             index,
@@ -211,7 +212,7 @@ impl FrameLabel {
             indentation_depth_mm,
             contact,
             wrench,
-            slip: slid.map_or_else(SlipLabel::default, SlipLabel::new),
+            slip: sliding.map_or_else(SlipLabel::default, SlipLabel::new),
             markers,
             numerics,
             health,
@@ -221,7 +222,7 @@ impl FrameLabel {
 }
 
 impl SequenceLabel {
-    /// From the label that a press of the first frame would have.
+    /// Makes the label of a sequence from the label that a press of its first frame would have, and from its frames.
     pub fn new(first: &Label, mut sequence: SequenceInfo, frames: Vec<FrameLabel>) -> Self {
         let when = |wanted: &dyn Fn(&SlipLabel) -> bool| {
             frames.iter().find(|frame| wanted(&frame.slip)).map(|frame| frame.t_s)
@@ -240,13 +241,13 @@ impl SequenceLabel {
         Self { common, frames }
     }
 
-    /// A row for each frame.
-    pub fn rows(&self) -> impl Iterator<Item = FrameRow> {
+    /// Iterates over rows of metadata.jsonl, one for each frame.
+    pub fn to_rows(&self) -> impl Iterator<Item = FrameRow> {
         self.frames.iter().map(|frame| FrameRow { common: self.common.clone(), frame: frame.clone() })
     }
 
-    /// One label for what counts whole samples: that of the frame with the largest contact; healthy and solved if all frames are,
-    /// with the effects that ran in any.
+    /// Returns one label that stands for the complete sequence: that of the frame with the largest contact, healthy and
+    /// converged only if all frames are, and with the effects that ran in any. Returns `None` without frames.
     pub fn summary(&self) -> Option<Label> {
         let by_area = |a: &&FrameLabel, b: &&FrameLabel| a.contact.area_mm2.total_cmp(&b.contact.area_mm2);
         let most = self.frames.iter().max_by(by_area)?.clone();
@@ -270,7 +271,7 @@ impl SequenceLabel {
             objects: Vec::new(),
             unplaced_objects: 0,
             texture: common.texture.clone(),
-            shear: ShearLabel::still(),
+            shear: ShearLabel::without_motion(),
             sensor: common.sensor.clone(),
             contact: most.contact,
             markers: most.markers,

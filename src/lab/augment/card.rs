@@ -1,4 +1,5 @@
-//! README.md of an output: how many of each split are real, and which files are which split for Hugging Face and WebDataset.
+//! README.md of an output: how many samples of each split are real, and which files belong to which split for Hugging
+//! Face and WebDataset.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -7,20 +8,20 @@ use std::path::PathBuf;
 use serde_json::Value;
 
 use super::Recipe;
-use super::input::Layout;
-use super::input::folders::TABLE;
+use super::input::InputLayout;
+use super::input::folders::TABLE_NAME;
 use super::report::{PerSource, Summary};
 use super::trace::Source;
 
-/// The card.
-pub fn card(recipe: &Recipe, summary: &Summary, filled: &BTreeSet<(usize, PathBuf)>) -> String {
-    let mut text = configuration(recipe, filled).map_or(String::new(), |text| text + "\n");
+/// Formats the card.
+pub fn format_card(recipe: &Recipe, summary: &Summary, filled: &BTreeSet<(usize, PathBuf)>) -> String {
+    let mut text = format_front_matter(recipe, filled).map_or(String::new(), |text| text + "\n");
     let _ = write!(text, "# {}\n\nA real dataset, enlarged by `gelsim augment`.\n\n", recipe.name);
-    text += &table(recipe, summary);
-    text += &real_only(recipe, summary);
+    text += &format_split_table(recipe, summary);
+    text += &list_real_only_splits(recipe, summary);
     let [source, key, augmentation] = &recipe.trace.0;
     let place = match recipe.set.layout {
-        Layout::ClassFolders(_) => format!("In {TABLE} each image has a row: "),
+        InputLayout::ClassFolders(_) => format!("In {TABLE_NAME} each image has a row: "),
         _ => String::new(),
     };
     let _ = writeln!(
@@ -31,8 +32,8 @@ pub fn card(recipe: &Recipe, summary: &Summary, filled: &BTreeSet<(usize, PathBu
     text
 }
 
-/// Samples of each split by source.
-fn table(recipe: &Recipe, summary: &Summary) -> String {
+/// Formats a table of the samples of each split by source.
+fn format_split_table(recipe: &Recipe, summary: &Summary) -> String {
     let sources: Vec<Source> = Source::ALL.into_iter().filter(|source| summary.samples[*source as usize] > 0).collect();
     let divided = recipe.division.is_divided();
     let first = if divided { "split" } else { "" };
@@ -50,8 +51,8 @@ fn table(recipe: &Recipe, summary: &Summary) -> String {
     text
 }
 
-/// The splits to which nothing was added.
-fn real_only(recipe: &Recipe, summary: &Summary) -> String {
+/// Lists the splits to which nothing was added.
+fn list_real_only_splits(recipe: &Recipe, summary: &Summary) -> String {
     let is_real = |of: &PerSource| of[Source::Real as usize] > 0 && of.iter().sum::<u64>() == of[Source::Real as usize];
     let names: Vec<String> = summary
         .splits
@@ -65,23 +66,25 @@ fn real_only(recipe: &Recipe, summary: &Summary) -> String {
     format!("\nReal samples alone: {}.\n", names.join(", "))
 }
 
-/// What Hugging Face reads before a card: the files of each split. None of a table that is no imagefolder, where a file holds
-/// several splits, or where a split's name is none there.
-fn configuration(recipe: &Recipe, filled: &BTreeSet<(usize, PathBuf)>) -> Option<String> {
+/// Formats the front matter that Hugging Face reads: the files of each split. None for a table that is no imagefolder,
+/// if a file holds several splits, or if a split's name is not valid there.
+fn format_front_matter(recipe: &Recipe, filled: &BTreeSet<(usize, PathBuf)>) -> Option<String> {
     let (set, division) = (&recipe.set, &recipe.division);
     let files: BTreeSet<&PathBuf> = filled.iter().map(|(_, file)| file).collect();
     let paths: BTreeMap<usize, Vec<String>> = match set.layout {
-        Layout::ClassFolders(kind) if kind.are_splits || division.anew => {
+        InputLayout::ClassFolders(kind) if kind.are_splits || division.is_new => {
             division.names.iter().enumerate().map(|(split, name)| (split, vec![format!("{name}/**")])).collect()
         }
-        Layout::ClassFolders(kind) if kind.are_classes => [(0, vec![String::from("*/**")])].into(),
-        Layout::ClassFolders(_) => {
+        InputLayout::ClassFolders(kind) if kind.are_classes => [(0, vec![String::from("*/**")])].into(),
+        InputLayout::ClassFolders(_) => {
             let endings =
                 set.reals.iter().filter_map(|real| real.path.extension()).map(|ending| ending.to_string_lossy());
             let endings: BTreeSet<String> = endings.map(Into::into).chain([String::from("png")]).collect();
             [(0, endings.into_iter().map(|ending| format!("*.{ending}")).collect())].into()
         }
-        Layout::Tars | Layout::Tables if files.len() == filled.len() && (set.in_tars() || set.is_imagefolder()) => {
+        InputLayout::Tars | InputLayout::Tables
+            if files.len() == filled.len() && (set.in_tars() || set.is_imagefolder()) =>
+        {
             let mut paths: BTreeMap<usize, Vec<String>> = BTreeMap::new();
             for (split, file) in filled {
                 let path = if set.in_tars() { file.clone() } else { file.with_file_name("**") };

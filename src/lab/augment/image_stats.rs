@@ -1,4 +1,4 @@
-//! Statistics of an image: what changes from a real set to its augmented one.
+//! Statistics of an image that show what augmentation changes in a set.
 
 /// Statistics of an image, in grey levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -12,7 +12,7 @@ pub struct ImageStats {
 }
 
 impl ImageStats {
-    /// Of an image with rows of `width` pixels.
+    /// Computes the statistics of an image with rows of `width` pixels.
     pub fn from_rgb(width: usize, rgb: &[u8]) -> Self {
         let (mut sums, mut grey, mut squares, mut steps) = ([0_u64; 3], 0_u64, 0_u64, 0_u64);
         for row in rgb.chunks_exact(3 * width.max(1)) {
@@ -36,22 +36,22 @@ impl ImageStats {
         }
     }
 
-    /// Adds another one, for sums.
+    /// Adds the values of another image, to sum over images.
     pub fn add(&mut self, other: &Self) {
         self.mean.iter_mut().zip(other.mean).for_each(|(sum, more)| *sum += more);
         self.contrast += other.contrast;
         self.sharpness += other.sharpness;
     }
 
-    /// The means of `count` of which this is the sum, in the order of [`IMAGE_STATS`].
-    pub fn figures(&self, count: u64) -> [f64; 5] {
+    /// Means over the `count` images that were summed, in the order of [`IMAGE_STAT_NAMES`].
+    pub fn mean_values(&self, count: u64) -> [f64; 5] {
         let [red, green, blue] = self.mean;
         [red, green, blue, self.contrast, self.sharpness].map(|sum| sum / count.max(1) as f64)
     }
 }
 
 /// Names of the statistics.
-pub const IMAGE_STATS: [&str; 5] = ["mean_red", "mean_green", "mean_blue", "contrast", "sharpness"];
+pub const IMAGE_STAT_NAMES: [&str; 5] = ["mean_red", "mean_green", "mean_blue", "contrast", "sharpness"];
 
 #[cfg(test)]
 mod tests {
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn statistics_are_those_of_an_image_counted_by_hand() {
-        // Two rows of three pixels: 0, 30, 60 in every channel, then the same again.
+        // Two rows of three pixels: 0, 30, 60 in every channel of each row.
         let rgb: Vec<u8> = [0, 30, 60, 0, 30, 60].iter().flat_map(|level| [*level; 3]).collect();
         let image_stats = ImageStats::from_rgb(3, &rgb);
         assert_eq!(image_stats.mean, [30.0; 3]);

@@ -1,7 +1,7 @@
-//! Enlarges a real dataset: its images as other LEDs, gelpads and cameras would have shown them, simulated counterparts
-//! of its samples, and new synthetic samples among them; in the layout of the input, every sample traced to its source.
+//! Enlarges a real dataset in its own layout: its images as other LEDs, gelpads and cameras would have shown them,
+//! simulated counterparts of its samples, and new synthetic samples. Every sample is traced to its source.
 //!
-//! AUGMENT.toml ([`config`]) -> [`recipe`] (resolved, every mistake found, every choice made) -> `make` (samples) ->
+//! AUGMENT.toml ([`config`]) -> [`recipe`] (resolved, all mistakes found, all choices made) -> `make` (samples) ->
 //! [`output`] (files) and [`report`].
 
 use std::io;
@@ -28,146 +28,155 @@ pub mod split;
 pub mod synthetic_mix;
 pub mod trace;
 
-use input::most_bytes;
-use make::{Maker, Raw};
-use output::labels::Labels;
-use output::place::{IncompleteOutput, Place, SUMMARY};
-use output::{Units, Writer};
+use input::most_member_bytes;
+use make::{RawSample, SampleMaker};
+use output::folder::{IncompleteOutput, OutputFolder, SUMMARY};
+use output::labels::LabelWriter;
+use output::{OutputLayout, OutputWriter};
 pub use recipe::Recipe;
 pub use report::Summary;
 
 use gelsim_dataset::archive;
-use gelsim_dataset::cleanup::REPORT;
-use gelsim_dataset::generate::{Expected, Watch};
-use gelsim_dataset::refused::Refused;
-use gelsim_files::input::MOST_IMAGE_BYTES;
+use gelsim_dataset::cleanup::REPORT_FILE;
+use gelsim_dataset::dataset_error::DatasetError;
+use gelsim_dataset::generate::{ExpectedWork, RunMonitor};
+use gelsim_files::input::MAX_IMAGE_BYTES;
 
-/// Real samples that are read before what is made of them is written.
+/// Most real samples that are read before their derived samples are written.
 const BLOCK: usize = 16;
-/// Samples that are made before they are written, unless a single real one asks for more.
-const MOST_AT_ONCE: usize = 64;
+/// Most samples that are made before they are written, unless a single real one needs more.
+const MAX_AT_ONCE: usize = 64;
 
 /// Where an output goes.
-pub struct Target {
-    /// Its folder.
+pub struct OutputTarget {
+    /// Folder of the output.
     pub root: PathBuf,
-    /// Threads; all cores if absent.
+    /// Number of threads; all cores if absent.
     pub threads: Option<usize>,
-    /// Replace an output that is there.
+    /// Whether to replace an output that exists.
     pub overwrite: bool,
 }
 
-/// Why a run ended early; nothing is written then, unless it says so.
+/// Why a run ended early. Nothing is written, unless the variant says otherwise.
 #[derive(Debug)]
 pub enum AugmentError {
     /// The folder cannot be used.
-    Refused(Refused),
+    Refused(DatasetError),
     /// Reading or writing failed.
     Io(PathBuf, io::Error),
     /// The output is written, but the one before it could not be removed from this folder.
-    OldStays(PathBuf, io::Error),
-    /// A real image cannot be unpacked: which and why.
+    OldNotRemoved(PathBuf, io::Error),
+    /// A real image cannot be decoded: which, and why.
     Image(String),
     /// A sample cannot be made.
     Sample(String),
-    /// A sample of the job is not healthy, and the job keeps none such: which and why.
+    /// A sample of the job is not healthy, and the job refuses such samples: which, and why.
     Unhealthy(String),
-    /// This part of the input has changed since it was looked at.
+    /// This part of the input has changed since it was checked.
     Changed(PathBuf),
-    /// The stop flag was raised.
+    /// The stop flag was set.
     Interrupted,
 }
 
-/// Writes the output of a recipe.
-pub fn augment(recipe: &Recipe, target: &Target, watch: &Watch) -> Result<Summary, AugmentError> {
+/// Makes and writes the output of a recipe.
+pub fn augment(recipe: &Recipe, target: &OutputTarget, watch: &RunMonitor) -> Result<Summary, AugmentError> {
     let start = Instant::now();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(target.threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| AugmentError::Io(target.root.clone(), io::Error::other(error)))?;
-    let place = Place::take(&target.root, &recipe.set.root, target.overwrite).map_err(AugmentError::Refused)?;
-    // Nobody else sets it.
-    let expected = Expected { samples: recipe.samples(), shards: recipe.set.units.len() as u64, skipped: 0 };
+    let place =
+        OutputFolder::create(&target.root, &recipe.set.root, target.overwrite).map_err(AugmentError::Refused)?;
+    // The result is ignored: the value is set only here, once.
+    let expected = ExpectedWork { samples: recipe.sample_count(), shards: recipe.set.units.len() as u64, skipped: 0 };
     let _ = watch.expected.set(expected);
-    let mut summary = pool.install(|| write(recipe, &place.partial, watch))?;
+    let mut summary = pool.install(|| write_output(recipe, &place.partial, watch))?;
     place.finish().map_err(|unfinished| match unfinished {
         IncompleteOutput::NothingWritten(path, error) => AugmentError::Io(path, error),
-        IncompleteOutput::OldStays(path, error) => AugmentError::OldStays(path, error),
+        IncompleteOutput::OldNotRemoved(path, error) => AugmentError::OldNotRemoved(path, error),
     })?;
     summary.seconds = start.elapsed().as_secs_f64();
     Ok(summary)
 }
 
-fn write(recipe: &Recipe, root: &Path, watch: &Watch) -> Result<Summary, AugmentError> {
+/// Writes all files of an output into `root`.
+fn write_output(recipe: &Recipe, root: &Path, watch: &RunMonitor) -> Result<Summary, AugmentError> {
     let set = &recipe.set;
-    let labels = Labels { set, trace: recipe.trace.clone(), split: recipe.split_column.clone() };
-    let units = Units::new(set, &recipe.division);
-    let maker = Maker::new(recipe, &labels, &units);
-    let mut run =
-        Run { recipe, maker, writer: Writer::new(root, &units, &labels), watch, summary: Summary::new(recipe) };
+    let labels = LabelWriter { set, trace: recipe.trace.clone(), split: recipe.split_column.clone() };
+    let units = OutputLayout::new(set, &recipe.division);
+    let maker = SampleMaker::new(recipe, &labels, &units);
+    let mut run = AugmentRun {
+        recipe,
+        maker,
+        writer: OutputWriter::new(root, &units, &labels),
+        watch,
+        summary: Summary::new(recipe),
+    };
     for unit in 0..set.units.len() {
         if set.in_tars() {
-            run.tar(unit)?
+            run.augment_tar(unit)?
         } else {
-            run.table(unit)?
+            run.augment_table(unit)?
         }
         watch.written.fetch_add(1, Ordering::Relaxed);
     }
-    let Run { mut writer, mut summary, .. } = run;
+    let AugmentRun { mut writer, mut summary, .. } = run;
     let io = |(path, error)| AugmentError::Io(path, error);
-    let card = card::card(recipe, &summary, &writer.filled);
-    writer.file(Path::new("README.md"), card.as_bytes()).map_err(io)?;
-    writer.file(Path::new(SUMMARY), &summary.json(recipe)).map_err(io)?;
-    writer.file(Path::new(REPORT), summary.html(recipe).as_bytes()).map_err(io)?;
+    let card = card::format_card(recipe, &summary, &writer.filled);
+    writer.write_file(Path::new("README.md"), card.as_bytes()).map_err(io)?;
+    writer.write_file(Path::new(SUMMARY), &summary.to_json(recipe)).map_err(io)?;
+    writer.write_file(Path::new(REPORT_FILE), summary.to_html(recipe).as_bytes()).map_err(io)?;
     writer.finish().map_err(io)?;
     summary.bytes = writer.bytes;
     Ok(summary)
 }
 
-/// A run under way.
-struct Run<'a> {
+/// State of a run.
+struct AugmentRun<'a> {
     recipe: &'a Recipe,
-    maker: Maker<'a>,
-    writer: Writer<'a>,
-    watch: &'a Watch,
+    maker: SampleMaker<'a>,
+    writer: OutputWriter<'a>,
+    watch: &'a RunMonitor,
     summary: Summary,
 }
 
-impl Run<'_> {
-    /// Real samples that are read at once.
-    fn block(&self) -> usize {
-        let each = self.recipe.samples().div_ceil(self.recipe.set.reals.len().max(1) as u64) as usize;
-        (MOST_AT_ONCE / each.max(1)).clamp(1, BLOCK)
+impl AugmentRun<'_> {
+    /// Number of real samples that are read at once.
+    fn block_size(&self) -> usize {
+        let each = self.recipe.sample_count().div_ceil(self.recipe.set.reals.len().max(1) as u64) as usize;
+        (MAX_AT_ONCE / each.max(1)).clamp(1, BLOCK)
     }
 
-    fn table(&mut self, unit: usize) -> Result<(), AugmentError> {
+    /// Augments the samples of a unit that is a table.
+    fn augment_table(&mut self, unit: usize) -> Result<(), AugmentError> {
         let set = &self.recipe.set;
         let numbers: Vec<usize> = set.units[unit].reals.clone().collect();
-        for block in numbers.chunks(self.block()) {
+        for block in numbers.chunks(self.block_size()) {
             let read = |&number: &usize| {
                 let real = &set.reals[number];
-                let path = set.path(real);
-                let image = gelsim_files::input::read(&path, MOST_IMAGE_BYTES)
-                    .map_err(|error| AugmentError::Io(path, error))?;
-                Ok(Raw { number, image, label: set.text(real).to_owned(), files: Vec::new() })
+                let path = set.image_path(real);
+                let image =
+                    gelsim_files::input::read(&path, MAX_IMAGE_BYTES).map_err(|error| AugmentError::Io(path, error))?;
+                Ok(RawSample { number, image, label: set.label_text(real).to_owned(), files: Vec::new() })
             };
-            let raws: Vec<Raw> = block.par_iter().map(read).collect::<Result<_, _>>()?;
-            self.samples(raws)?;
+            let raws: Vec<RawSample> = block.par_iter().map(read).collect::<Result<_, _>>()?;
+            self.write_samples(raws)?;
         }
         Ok(())
     }
 
-    fn tar(&mut self, unit: usize) -> Result<(), AugmentError> {
+    /// Augments the samples of a unit that is a tar. Fails if it has changed since it was checked.
+    fn augment_tar(&mut self, unit: usize) -> Result<(), AugmentError> {
         let set = &self.recipe.set;
         let path = set.root.join(&set.units[unit].file);
         let (mut numbers, mut raws, mut stopped) = (set.units[unit].reals.clone(), Vec::new(), None);
-        let most = self.block();
-        let visit = |files: archive::Files| {
+        let most = self.block_size();
+        let visit = |files: archive::SampleFiles| {
             let expected = numbers.next().filter(|number| set.reals[*number].image == files.key);
-            let label = read_object(files.member(&set.label).unwrap_or(b"{}"));
-            let result = match (expected, files.member(&set.image), label) {
+            let label = read_object(files.find_member(&set.label_suffix).unwrap_or(b"{}"));
+            let result = match (expected, files.find_member(&set.image_column), label) {
                 (Some(number), Some(image), Some(label)) => {
                     let (image, label) = (image.to_vec(), label.to_owned());
-                    raws.push(Raw { number, image, label, files: files.members });
-                    if raws.len() == most { self.samples(std::mem::take(&mut raws)) } else { Ok(()) }
+                    raws.push(RawSample { number, image, label, files: files.members });
+                    if raws.len() == most { self.write_samples(std::mem::take(&mut raws)) } else { Ok(()) }
                 }
                 _ => Err(AugmentError::Changed(path.clone())),
             };
@@ -179,33 +188,33 @@ impl Run<'_> {
                 }
             }
         };
-        archive::open(&path, |head| Some(most_bytes(head.suffix, &set.label)), visit)
+        archive::visit_tar_file(&path, |head| Some(most_member_bytes(head.suffix, &set.label_suffix)), visit)
             .map_err(|reason| AugmentError::Sample(format!("{}: {reason}", path.display())))?;
         match stopped {
             Some(stopped) => Err(stopped),
-            None => self.samples(raws),
+            None => self.write_samples(raws),
         }
     }
 
-    /// Makes and writes what comes of some real samples, in order.
-    fn samples(&mut self, raws: Vec<Raw>) -> Result<(), AugmentError> {
+    /// Makes and writes everything that derives from some real samples, in order.
+    fn write_samples(&mut self, raws: Vec<RawSample>) -> Result<(), AugmentError> {
         let stop = || self.watch.stop.load(Ordering::Relaxed);
         if stop() {
             return Err(AugmentError::Interrupted);
         }
-        let made = self.maker.make(&raws, &|| {
+        let made = self.maker.make_samples(&raws, &|| {
             self.watch.rendered.fetch_add(1, Ordering::Relaxed);
             stop()
         })?;
         for (piece, entry) in made {
-            self.summary.count(entry);
-            self.writer.append(piece).map_err(|(path, error)| AugmentError::Io(path, error))?;
+            self.summary.count_sample(entry);
+            self.writer.append_sample(piece).map_err(|(path, error)| AugmentError::Io(path, error))?;
         }
         Ok(())
     }
 }
 
-/// The text of a label of a tar that was looked at before, if it still is a JSON object.
+/// Returns the text of a tar's label if it is still a JSON object, as it was when it was checked.
 fn read_object(label: &[u8]) -> Option<&str> {
     let is_object = |text: &&str| serde_json::from_str::<serde_json::Map<_, serde_json::Value>>(text).is_ok();
     str::from_utf8(label).ok().filter(is_object)

@@ -1,43 +1,48 @@
-//! Metadata of real samples for their counterparts.
+//! Metadata of real samples that their simulated counterparts need.
 
 use super::config::Augment;
 use super::counterpart::{Orientation, PressMetadata};
-use super::input::Set;
-use super::input::columns::{LabelFacts, Meaning};
+use super::input::RealDataset;
+use super::input::columns::{ColumnMeaning, LabelFacts};
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_core::pose::Angles;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
-use gelsim_files::spelling::{nearest, one_of};
+use gelsim_files::spelling::{find_nearest_name, join_alternatives};
 use gelsim_job::plan::Plan;
-use gelsim_job::plan::check::Check;
+use gelsim_job::plan::check::JobChecker;
 
-/// What counterparts need of the file.
-pub fn check(check: &mut Check<'_>, written: &Augment, set: Option<&Set>, background: Option<&BackgroundImage>) {
+/// Checks what counterparts need: a background image, and columns for object and depth.
+pub fn check_paired_input(
+    check: &mut JobChecker<'_>,
+    written: &Augment,
+    set: Option<&RealDataset>,
+    background: Option<&BackgroundImage>,
+) {
     if written.input.background.is_none() && background.is_none() {
         let help = "name the background image: [input] background = \"...\"";
-        check.error(
+        check.report_error(
             "paired",
             "simulated counterparts are aligned by what a press changes, and the background is not known",
             help,
         );
     }
     let Some(set) = set else { return };
-    let known = |meaning: Meaning| set.columns.name(meaning).is_some();
+    let known = |meaning: ColumnMeaning| set.columns.column_of(meaning).is_some();
     for (found, key, what) in [
-        (known(Meaning::Object) || known(Meaning::Class), "object", "the object"),
-        (known(Meaning::Depth), "depth_mm", "the depth"),
+        (known(ColumnMeaning::Object) || known(ColumnMeaning::Class), "object", "the object"),
+        (known(ColumnMeaning::Depth), "depth_mm", "the depth"),
     ] {
-        if !found && check.sound("input.columns") {
+        if !found && check.is_valid("input.columns") {
             let message = format!("no column of the labels is {what}");
-            check.error("paired", message, format!("name it with input.columns.{key}"));
+            check.report_error("paired", message, format!("name it with input.columns.{key}"));
         }
     }
 }
 
-/// The metadata of each real sample that `receives` a counterpart, by its number. A sample whose label names no object or
-/// no depth has none; one that names an object that is not there is a mistake.
-pub fn resolve(
-    set: &Set,
+/// Resolves the metadata of each real sample that `receives` a counterpart, by its number. A sample whose label names
+/// no object or no depth has none, with a note. Unknown objects and too large depths are mistakes.
+pub fn resolve_presses(
+    set: &RealDataset,
     plan: &Plan,
     receives: &dyn Fn(usize) -> bool,
     notes: &mut Diagnostics,
@@ -52,14 +57,15 @@ pub fn resolve(
         let name = facts.object.as_deref().or(facts.class.as_deref());
         let object = name.map(|name| find_object(plan, name));
         if let (Some(name), Some(Err((cause, help)))) = (name, &object) {
-            let problem = set.problem(real, cause.message(name)).help(help);
-            problems.push(problem.of(&real.key, cause.of_many(name)));
+            let problem = set.label_problem(real, cause.message(name)).help(help);
+            problems.push(problem.about(&real.key, cause.cause_message(name)));
         }
         let thickness = plan.thickness_mm();
         if let Some(depth) = facts.depth_mm.filter(|depth| *depth > thickness) {
-            let problem = set.problem(real, format!("a depth of {depth} mm is more than the pad's {thickness} mm"));
+            let problem =
+                set.label_problem(real, format!("a depth of {depth} mm is more than the pad's {thickness} mm"));
             let problem = problem
-                .of(format!("{} ({depth} mm)", real.key), format!("depths are more than the pad's {thickness} mm"));
+                .about(format!("{} ({depth} mm)", real.key), format!("depths are more than the pad's {thickness} mm"));
             problems.push(problem.help("give depths in mm, or the pad's thickness with [sensor] gelpad_thickness_mm"));
         }
         let (Some(Ok(object)), Some(depth_mm)) = (object, facts.depth_mm) else {
@@ -70,35 +76,37 @@ pub fn resolve(
             object,
             orientation: facts
                 .quaternion_xyzw
-                .map_or_else(|| Orientation::Angles(angles(facts)), Orientation::Quaternion),
+                .map_or_else(|| Orientation::Angles(angles_of_label(facts)), Orientation::Quaternion),
             position_mm: facts.place_mm.map(|mm| mm.unwrap_or(0.0)),
             depth_mm,
         });
     }
     if !without.is_empty() && problems.is_empty() {
-        let (first, more) = (without.iter().take(NAMED).copied().collect::<Vec<_>>().join(", "), without.len() > NAMED);
+        let (first, more) =
+            (without.iter().take(MAX_NAMED).copied().collect::<Vec<_>>().join(", "), without.len() > MAX_NAMED);
         let message = format!(
             "{} of {received} real samples get no simulated counterpart: their labels name no object or no depth ({first}{})",
             without.len(),
             if more { ", .." } else { "" }
         );
-        let object = set.columns.name(Meaning::Object).or_else(|| set.columns.name(Meaning::Class));
-        let columns: Vec<&str> = object.into_iter().chain(set.columns.name(Meaning::Depth)).collect();
-        let help = format!("fill {} in for them", and_list(&columns));
+        let object =
+            set.columns.column_of(ColumnMeaning::Object).or_else(|| set.columns.column_of(ColumnMeaning::Class));
+        let columns: Vec<&str> = object.into_iter().chain(set.columns.column_of(ColumnMeaning::Depth)).collect();
+        let help = format!("fill {} in for them", join_names(&columns));
         notes.push(Diagnostic::note(message).help(help));
     }
     (metadata, Report::new(&problems, &set.sources))
 }
 
-/// Samples that a message names.
-const NAMED: usize = 3;
+/// Most samples that a message names.
+const MAX_NAMED: usize = 3;
 
-/// Why it is not known which object a label names.
+/// Why a label's object cannot be resolved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum UnknownObject {
-    /// No object is called so.
+    /// No object has this name.
     NoSuch,
-    /// Several are of this class.
+    /// Several objects have this class.
     Several,
 }
 
@@ -110,7 +118,7 @@ impl UnknownObject {
         }
     }
 
-    fn of_many(self, name: &str) -> String {
+    fn cause_message(self, name: &str) -> String {
         match self {
             Self::NoSuch => format!("labels name `{name}`, and no [[object]] is called so"),
             Self::Several => format!("labels name `{name}`, and several [[object]]s are of this class"),
@@ -118,7 +126,7 @@ impl UnknownObject {
     }
 }
 
-/// The object that a label names by its id or its class; else why it is not known, and what to do.
+/// Finds the object that a label names by its id or class. An error says why it cannot be resolved, and what to do.
 fn find_object(plan: &Plan, name: &str) -> Result<usize, (UnknownObject, String)> {
     let objects = &plan.sampling.objects;
     if let Some(number) = objects.iter().position(|object| object.id == name) {
@@ -131,27 +139,27 @@ fn find_object(plan: &Plan, name: &str) -> Result<usize, (UnknownObject, String)
     let ids = |numbers: &mut dyn Iterator<Item = usize>| numbers.map(|k| objects[k].id.as_str()).collect::<Vec<_>>();
     if of_class.is_empty() {
         let ids = ids(&mut (0..objects.len()));
-        let near =
-            nearest(name, ids.iter().copied()).map_or(String::new(), |near| format!("; or did you mean `{near}`?"));
+        let near = find_nearest_name(name, ids.iter().copied())
+            .map_or(String::new(), |near| format!("; or did you mean `{near}`?"));
         let help = format!(
             "call the object so that it is: class = {name:?} under its [[object]] (there are {}){near}",
-            and_list(&ids)
+            join_names(&ids)
         );
         return Err((UnknownObject::NoSuch, help));
     }
     let help = format!(
         "give each a class of its own, or name them in a column, which input.columns.object names: {}",
-        one_of(&ids(&mut of_class.into_iter()))
+        join_alternatives(&ids(&mut of_class.into_iter()))
     );
     Err((UnknownObject::Several, help))
 }
 
-/// `a`, `b` and `c`; of many the first.
-fn and_list(names: &[&str]) -> String {
-    const MOST: usize = 20;
-    let mut quoted: Vec<String> = names.iter().take(MOST).map(|name| format!("`{name}`")).collect();
-    if names.len() > MOST {
-        quoted.push(format!("{} more", names.len() - MOST));
+/// Formats names as `a`, `b` and `c`; only the first of many.
+fn join_names(names: &[&str]) -> String {
+    const MAX_NAMES: usize = 20;
+    let mut quoted: Vec<String> = names.iter().take(MAX_NAMES).map(|name| format!("`{name}`")).collect();
+    if names.len() > MAX_NAMES {
+        quoted.push(format!("{} more", names.len() - MAX_NAMES));
     }
     match quoted.split_last() {
         None => String::from("nothing"),
@@ -160,7 +168,7 @@ fn and_list(names: &[&str]) -> String {
     }
 }
 
-fn angles(facts: &LabelFacts) -> Angles {
+fn angles_of_label(facts: &LabelFacts) -> Angles {
     Angles {
         yaw_deg: facts.yaw_deg.unwrap_or(0.0),
         tilt_deg: facts.tilt_deg.unwrap_or(0.0),

@@ -1,13 +1,13 @@
-//! From an AUGMENT.toml to a recipe: the set read, sensor, backgrounds, objects and job found, samples chosen; every mistake
-//! found before anything is written.
+//! Resolves an AUGMENT.toml to a recipe: reads the set, finds sensor, backgrounds, objects and job, chooses samples,
+//! and finds every mistake before anything is written.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use super::config::{Augment, SplitBy};
 use super::counterpart::{CounterpartRenderer, PressMetadata};
-use super::input::columns::{Meaning, is_own};
-use super::input::{self, Layout, Set};
+use super::input::columns::{ColumnMeaning, is_own_label};
+use super::input::{self, InputLayout, RealDataset};
 use super::photometric::PhotometricRecipe;
 use super::split::{Division, Recipients};
 use super::synthetic_mix::{self, SyntheticMix};
@@ -17,98 +17,99 @@ use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostics, Report};
 use gelsim_files::input as files;
-use gelsim_job::config::document::{Document, MOST_READ};
-use gelsim_job::config::{self, Written};
+use gelsim_job::config::document::{Document, MAX_READ_BYTES};
+use gelsim_job::config::{self, ParsedJob};
 use gelsim_job::plan::Plan;
-use gelsim_job::plan::check::Check;
+use gelsim_job::plan::check::JobChecker;
 
 /// Largest seed.
-const MOST_SEED: f64 = 9_007_199_254_740_991.0;
+const MAX_SEED: f64 = 9_007_199_254_740_991.0;
 
-/// Everything an output depends on, resolved and checked.
+/// Everything that an output depends on, resolved and checked.
 pub struct Recipe {
-    /// The file's name without its ending.
+    /// Name of the file without its ending.
     pub name: String,
-    /// Where its output goes unless the command line says otherwise.
+    /// Folder of the output unless the command line gives another.
     pub root: PathBuf,
-    /// Its text, and what was laid over it.
+    /// Text of the file, and the assignments that changed it.
     pub text: String,
     /// Seed of all randomness.
     pub seed: u64,
-    /// The real set.
-    pub set: Set,
-    /// Recipes for its images.
+    /// The real dataset.
+    pub set: RealDataset,
+    /// Recipes for copies of its images.
     pub photometric: Vec<PhotometricRecipe>,
-    /// Makes counterparts, if they are wanted.
+    /// Renderer of counterparts, if there are any.
     pub renderer: Option<CounterpartRenderer>,
-    /// What is known of each real sample; none of those without a counterpart.
+    /// Metadata of each real sample; none for those without a counterpart.
     pub metadata: Vec<Option<PressMetadata>>,
-    /// Splits.
+    /// Splits of the output.
     pub division: Division,
-    /// The splits that get what is made.
+    /// Splits that get derived samples.
     pub recipients: Recipients,
-    /// The column of the split, if that is set anew.
+    /// Column of the split, if splits are new.
     pub split_column: Option<String>,
-    /// New samples, if they are wanted.
+    /// New samples, if there are any.
     pub mix: Option<SyntheticMix>,
     /// Columns that say where samples come from.
     pub trace: TraceColumns,
-    /// Things the user should know that are no mistakes.
+    /// Notes that are no mistakes.
     pub notes: Report,
 }
 
 impl Recipe {
-    /// Reads and resolves the file at `path`, with the assignments `set` (flag and assignment each) laid over it.
+    /// Reads and resolves the file at `path`, changed by the assignments `set` (flag and assignment each).
     pub fn load(path: &Path, set: &[(String, String)]) -> Result<Self, Report> {
         let shown = path.display().to_string();
-        let bytes = files::read(path, MOST_READ).map_err(|error| unreadable(path, &error))?;
+        let bytes = files::read(path, MAX_READ_BYTES).map_err(|error| report_unreadable(path, &error))?;
         let text = String::from_utf8(bytes).map_err(|error| {
             let message = format!("{shown}: not UTF-8 at byte {}", error.utf8_error().valid_up_to());
             user_error(message, "save it as a text in UTF-8")
         })?;
         let mut problems = Diagnostics::default();
         let folder = path.parent().unwrap_or(Path::new(""));
-        let laid = config::lay::<Augment>(&shown, text.clone(), folder, set, &mut problems);
-        if laid.broken {
-            return Err(Report::new(&problems, &laid.document.sources));
+        let merged = config::read_merged::<Augment>(&shown, text.clone(), folder, set, &mut problems);
+        if merged.broken {
+            return Err(Report::new(&problems, &merged.document.sources));
         }
         let name =
             path.file_stem().map_or_else(|| String::from("augmented"), |stem| stem.to_string_lossy().into_owned());
-        let laid_over = set.iter().map(|(flag, assignment)| format!("# {flag}: {assignment}\n"));
-        resolve(name, text + &laid_over.collect::<String>(), laid, problems)
+        let assignments = set.iter().map(|(flag, assignment)| format!("# {flag}: {assignment}\n"));
+        resolve_recipe(name, text + &assignments.collect::<String>(), merged, problems)
     }
 
-    /// Images made of each real one of a split by photometric recipes.
-    fn copies(&self, split: usize) -> u64 {
+    /// Number of photometric copies of each real image of a split.
+    fn photometric_copies(&self, split: usize) -> u64 {
         let recipes = self.photometric.iter().zip(&self.recipients.photometric);
-        recipes.filter(|(_, splits)| splits[split]).map(|(recipe, _)| u64::from(recipe.copies())).sum()
+        recipes.filter(|(_, splits)| splits[split]).map(|(recipe, _)| u64::from(recipe.copies_per_image())).sum()
     }
 
-    /// Samples of the output.
-    pub fn samples(&self) -> u64 {
+    /// Number of samples in the output.
+    pub fn sample_count(&self) -> u64 {
         let synthetic = self.mix.iter().flat_map(|mix| &mix.chosen).map(|chosen| chosen.len() as u64).sum::<u64>();
-        self.without_synthetic() + synthetic
+        self.count_without_synthetic() + synthetic
     }
 
-    /// The same without synthetic ones.
-    fn without_synthetic(&self) -> u64 {
+    /// Number of samples in the output without synthetic ones.
+    fn count_without_synthetic(&self) -> u64 {
         let counterparts = self.metadata.iter().flatten().count() as u64;
-        let reals = self.division.counts();
-        let with_copies = reals.iter().enumerate().map(|(split, count)| count * (1 + self.copies(split)));
+        let reals = self.division.real_counts();
+        let with_copies = reals.iter().enumerate().map(|(split, count)| count * (1 + self.photometric_copies(split)));
         with_copies.sum::<u64>() + counterparts
     }
 }
 
-/// Why the file cannot be read, and which one may be meant.
-fn unreadable(path: &Path, error: &io::Error) -> Report {
+/// Returns the error for a file that cannot be read, and which one may be meant.
+fn report_unreadable(path: &Path, error: &io::Error) -> Report {
     let message = format!("{}: cannot read it: {error}", path.display());
     if path.is_dir() {
         let help = "name a file that ends in .toml and says what is done with a dataset; configs/augment.toml is one";
         return user_error(message, help);
     }
     let is_toml = |path: &Path| path.extension().is_some_and(|ending| ending == "toml");
-    let near =
-        Some(path).filter(|_| error.kind() == io::ErrorKind::NotFound).and_then(|path| files::meant(path, is_toml));
+    let near = Some(path)
+        .filter(|_| error.kind() == io::ErrorKind::NotFound)
+        .and_then(|path| files::suggest_file_name(path, is_toml));
     match near {
         Some(near) => user_error(message, format!("did you mean {}?", path.with_file_name(near).display())),
         None => user_error(
@@ -118,18 +119,19 @@ fn unreadable(path: &Path, error: &io::Error) -> Report {
     }
 }
 
-fn resolve(
+/// Resolves a file that was parsed. Collects mistakes of all parts before it fails.
+fn resolve_recipe(
     name: String,
     text: String,
-    laid: config::Laid<Augment>,
+    merged: config::MergedDocument<Augment>,
     mut problems: Diagnostics,
 ) -> Result<Recipe, Report> {
-    let config::Laid { value: written, document, sensor_known, presets, .. } = laid;
-    let mut check = Check { document: &document, problems: &mut problems };
-    check.number("seed", written.seed as f64, 0.0..=MOST_SEED, "");
-    check.one_sensor(&written.sensor);
+    let config::MergedDocument { value: written, document, sensor_known, presets, .. } = merged;
+    let mut check = JobChecker { document: &document, problems: &mut problems };
+    check.require_in_range("seed", written.seed as f64, 0.0..=MAX_SEED, "");
+    check.refuse_random_sensor(&written.sensor);
     if presets.is_some() {
-        check.error("sensor.preset", "several presets", "name one: real images come from one sensor");
+        check.report_error("sensor.preset", "several presets", "name one: real images come from one sensor");
     }
     check_not_empty(&mut check, &written);
     let mut notes = Diagnostics::default();
@@ -138,77 +140,84 @@ fn resolve(
     let trace = TraceColumns::new(&written.output.prefix);
     let division = set.as_ref().map(|set| {
         check_trace_columns(&mut check, set, &trace);
-        divide(&mut check, &written, set)
+        divide_splits(&mut check, &written, set)
     });
-    let recipients = division.as_ref().map(|division| Recipients::find(&mut check, &written, division));
+    let recipients = division.as_ref().map(|division| Recipients::resolve_recipients(&mut check, &written, division));
 
-    let mut job = sensor::job(&mut check, &written, size);
-    let background = sensor::background(&mut check, &written, &job, size);
-    let own = set.as_ref().is_some_and(|set| is_own(&set.example));
+    let mut job = sensor::build_sensor_job(&mut check, &written, size);
+    let background = sensor::read_background(&mut check, &written, &job, size);
+    let own = set.as_ref().is_some_and(|set| is_own_label(&set.example));
     if own && document.get("pose.anchor").is_none() {
         job.pose.anchor = Anchor::Origin;
     }
     let is_rendered = written.input.background.as_deref() == Some(sensor::RENDERED);
-    let profile = sensor::profile(&mut check, &mut job.clone(), set.as_ref(), background.clone(), is_rendered);
+    let profile =
+        sensor::build_sensor_profile(&mut check, &mut job.clone(), set.as_ref(), background.clone(), is_rendered);
     for (k, recipe) in written.photometric.iter().enumerate() {
         recipe.check(&mut check, &format!("photometric.{k}"), profile.as_ref());
     }
     let photometric = profile.as_ref().filter(|_| check.problems.is_empty()).map(|profile| {
         let ready = |(k, recipe): (usize, &photometric::Photometric)| {
-            recipe.ready(&mut check, &format!("photometric.{k}"), profile)
+            recipe.build_recipe(&mut check, &format!("photometric.{k}"), profile)
         };
         written.photometric.iter().enumerate().filter_map(ready).collect::<Vec<_>>()
     });
     if let Some(mixing) = &written.mixing {
-        synthetic_mix::check(&mut check, mixing);
+        synthetic_mix::check_numbers(&mut check, mixing);
     }
-    if written.mixing.is_some() && set.as_ref().is_some_and(|set| set.layout == Layout::Coco) {
+    if written.mixing.is_some() && set.as_ref().is_some_and(|set| set.layout == InputLayout::Coco) {
         let help = "leave [mixing] out: copies and simulated counterparts keep the boxes of their image; `gelsim generate` makes \
                     a set of its own, whose `contact` layer shows where the press is";
-        check.error("mixing", "a new sample has no boxes as these annotations mean them", help);
+        check.report_error("mixing", "a new sample has no boxes as these annotations mean them", help);
     }
     if let Some(paired) = &written.paired {
         paired.check(&mut check, "paired");
-        metadata::check(&mut check, &written, set.as_ref(), background.as_ref());
+        metadata::check_paired_input(&mut check, &written, set.as_ref(), background.as_ref());
     }
 
-    // The counterparts' plan takes over what was found so far, and adds what is wrong with sensor and objects.
+    // The counterparts' plan takes over the problems found so far, and adds those of sensor and objects.
     let mut of_reals = Vec::new();
     let mut renderer = None;
     if let Some(paired) = &written.paired {
         let before = std::mem::take(&mut problems);
-        let counterparts =
-            Written { job, document: document.clone(), broken: false, sensor_known, others: Vec::new(), right: None };
+        let counterparts = ParsedJob {
+            job,
+            document: document.clone(),
+            broken: false,
+            sensor_known,
+            other_presets: Vec::new(),
+            right_finger: None,
+        };
         let plan = match Plan::resolve_objects(counterparts, before) {
             Ok(plan) => plan,
-            Err(found) => return Err(with_mixing(found.and(report), &document, &written, size)),
+            Err(found) => return Err(add_mixing_problems(found.merged_with(report), &document, &written, size)),
         };
         if let (Some(set), Some(division), Some(recipients)) = (&set, &division, &recipients) {
-            let receives = |number: usize| recipients.paired[division.of_reals[number]];
-            let (found, unknown) = metadata::resolve(set, &plan, &receives, &mut notes);
+            let receives = |number: usize| recipients.paired[division.split_of_real[number]];
+            let (found, unknown) = metadata::resolve_presses(set, &plan, &receives, &mut notes);
             of_reals = found;
-            report = report.and(unknown);
+            report = report.merged_with(unknown);
         }
-        let background = background.and_then(|reference| sensor::background_image(&reference));
+        let background = background.and_then(|reference| sensor::background_to_rgb(&reference));
         renderer = background.map(|background| CounterpartRenderer::new(plan, paired.clone(), background));
     }
-    let mut check = Check { document: &document, problems: &mut problems };
+    let mut check = JobChecker { document: &document, problems: &mut problems };
     let mixing = written.mixing.as_ref();
     let (plan, of_job) =
-        mixing.map_or((None, Report::default()), |mixing| synthetic_mix::plan(&mut check, mixing, size));
-    report = report.and(of_job);
+        mixing.map_or((None, Report::default()), |mixing| synthetic_mix::load_plan(&mut check, mixing, size));
+    report = report.merged_with(of_job);
     let is_sound = check.problems.is_empty() && report.is_empty();
     let (Some(set), Some(division), Some(recipients), true) = (set, division, recipients, is_sound) else {
-        return Err(Report::new(&problems, &document.sources).and(report));
+        return Err(Report::new(&problems, &document.sources).merged_with(report));
     };
     of_reals.resize(set.reals.len(), None);
-    let own_column = set.columns.name(Meaning::Split).map(str::to_owned);
-    let split_column = match (division.anew, division.apart) {
+    let own_column = set.columns.column_of(ColumnMeaning::Split).map(str::to_owned);
+    let split_column = match (division.is_new, division.has_own_files) {
         (false, _) => None,
         (true, true) => own_column,
         (true, false) => Some(own_column.unwrap_or_else(|| String::from("split"))),
     };
-    let named = written.output.path.as_ref().map(|path| document.folder("output.path").join(path));
+    let named = written.output.path.as_ref().map(|path| document.folder_of("output.path").join(path));
     let mut recipe = Recipe {
         root: named.unwrap_or_else(|| Path::new("out").join(&name)),
         name,
@@ -228,17 +237,24 @@ fn resolve(
     if let (Some(mixing), Some(plan)) = (mixing, plan) {
         let mut new_classes = Diagnostics::default();
         synthetic_mix::check_class_folders(&mut check, &recipe.set, &plan, &mut new_classes);
-        recipe.notes = recipe.notes.and(Report::new(&new_classes, &document.sources));
-        recipe.notes = recipe.notes.and(plan.notes.clone());
-        let without_synthetic = recipe.without_synthetic();
+        recipe.notes = recipe.notes.merged_with(Report::new(&new_classes, &document.sources));
+        recipe.notes = recipe.notes.merged_with(plan.notes.clone());
+        let without_synthetic = recipe.count_without_synthetic();
         let Recipe { set, division, recipients, .. } = &recipe;
-        recipe.mix =
-            synthetic_mix::choose(&mut check, mixing, plan, set, division, &recipients.mixing, without_synthetic);
+        recipe.mix = synthetic_mix::choose_samples(
+            &mut check,
+            mixing,
+            plan,
+            set,
+            division,
+            &recipients.mixing,
+            without_synthetic,
+        );
         if recipe.mix.is_none() {
             return Err(Report::new(&problems, &document.sources));
         }
     }
-    match make::collision(&recipe) {
+    match make::find_name_collision(&recipe) {
         None => Ok(recipe),
         Some(name) => Err(user_error(
             format!("{name} would be the name of two samples of the output"),
@@ -248,61 +264,63 @@ fn resolve(
     }
 }
 
-/// A report that also says what is wrong with the job, although more cannot be done with it.
-fn with_mixing(report: Report, document: &Document, written: &Augment, size: Option<[usize; 2]>) -> Report {
+/// Adds the problems of the job that `[mixing]` names to a report, although the run has failed already.
+fn add_mixing_problems(report: Report, document: &Document, written: &Augment, size: Option<[usize; 2]>) -> Report {
     let Some(mixing) = &written.mixing else { return report };
     let mut problems = Diagnostics::default();
-    let (_, of_job) = synthetic_mix::plan(&mut Check { document, problems: &mut problems }, mixing, size);
-    report.and(Report::new(&problems, &document.sources)).and(of_job)
+    let (_, of_job) = synthetic_mix::load_plan(&mut JobChecker { document, problems: &mut problems }, mixing, size);
+    report.merged_with(Report::new(&problems, &document.sources)).merged_with(of_job)
 }
 
-fn check_not_empty(check: &mut Check<'_>, written: &Augment) {
+/// Reports a file that asks for nothing.
+fn check_not_empty(check: &mut JobChecker<'_>, written: &Augment) {
     let nothing = written.photometric.is_empty() && written.paired.is_none() && written.mixing.is_none();
-    let misspelt = ["photometric", "paired", "mixing"].iter().any(|table| check.misspelt(table));
-    if nothing && !misspelt && written.output.splits.is_none() && check.sound("photometric") {
+    let misspelt = ["photometric", "paired", "mixing"].iter().any(|table| check.is_misspelt(table));
+    if nothing && !misspelt && written.output.splits.is_none() && check.is_valid("photometric") {
         let help = "add [[photometric]], [paired] with an [[object]], [mixing] with a job, or [output] splits";
-        check.error("input", "nothing is asked for", help);
+        check.report_error("input", "nothing is asked for", help);
     }
 }
 
-/// Columns that the trace would hide.
-fn check_trace_columns(check: &mut Check<'_>, set: &Set, trace: &TraceColumns) {
+/// Reports columns that the trace would overwrite.
+fn check_trace_columns(check: &mut JobChecker<'_>, set: &RealDataset, trace: &TraceColumns) {
     let header = set.units.iter().filter_map(|unit| match &unit.form {
-        input::Form::Csv(names) => Some(names),
+        input::LabelFormat::Csv(names) => Some(names),
         _ => None,
     });
     let names: Vec<&String> = header.flatten().chain(set.example.keys()).collect();
     if let Some(taken) = trace.0.iter().find(|name| names.contains(name)) {
         let message = format!("the labels have a column `{taken}` already");
         let help = "give the columns that augment adds other names: [output] prefix = \"gelsim_\"";
-        check.error("output.prefix", message, help);
+        check.report_error("output.prefix", message, help);
     }
 }
 
-fn divide(check: &mut Check<'_>, written: &Augment, set: &Set) -> Division {
+/// Determines the splits: the input's own, or new ones.
+fn divide_splits(check: &mut JobChecker<'_>, written: &Augment, set: &RealDataset) -> Division {
     let output = &written.output;
-    let known = |meaning: Meaning| set.columns.name(meaning).is_some();
-    let by = output.split_by.unwrap_or(if known(Meaning::Group) { SplitBy::Group } else { SplitBy::Sample });
+    let known = |meaning: ColumnMeaning| set.columns.column_of(meaning).is_some();
+    let by = output.split_by.unwrap_or(if known(ColumnMeaning::Group) { SplitBy::Group } else { SplitBy::Sample });
     let absent = match by {
-        SplitBy::Group => (!known(Meaning::Group)).then_some("group"),
-        SplitBy::Object => (!known(Meaning::Object) && !known(Meaning::Class)).then_some("object"),
+        SplitBy::Group => (!known(ColumnMeaning::Group)).then_some("group"),
+        SplitBy::Object => (!known(ColumnMeaning::Object) && !known(ColumnMeaning::Class)).then_some("object"),
         SplitBy::Sample => None,
     };
     if let Some(absent) = absent {
         let message = format!("no column of the labels is the {absent}");
-        check.error("output.split_by", message, format!("name it with input.columns.{absent}"));
+        check.report_error("output.split_by", message, format!("name it with input.columns.{absent}"));
     }
     match output.splits {
-        None => Division::kept(set, output.split_by),
+        None => Division::from_input(set, output.split_by),
         Some(fractions) => {
             for (name, fraction) in [("train", fractions.train), ("val", fractions.val), ("test", fractions.test)] {
-                check.number(&format!("output.splits.{name}"), fraction, 0.0..=1.0, "");
+                check.require_in_range(&format!("output.splits.{name}"), fraction, 0.0..=1.0, "");
             }
             let sum = fractions.train + fractions.val + fractions.test;
-            if (sum - 1.0).abs() > 1e-6 && check.sound("output.splits") {
-                check.error("output.splits", format!("the shares sum to {sum}"), "they must sum to 1");
+            if (sum - 1.0).abs() > 1e-6 && check.is_valid("output.splits") {
+                check.report_error("output.splits", format!("the shares sum to {sum}"), "they must sum to 1");
             }
-            Division::drawn(set, fractions, by, written.seed)
+            Division::draw_splits(set, fractions, by, written.seed)
         }
     }
 }

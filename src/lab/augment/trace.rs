@@ -1,25 +1,25 @@
-//! Where each sample of an output comes from: three columns of its label.
+//! Trace of each sample of an output to its source: three columns of its label.
 
 use serde_json::{Map, Value};
 
-/// What a sample is.
+/// Source of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
     /// A real sample as it was.
     Real,
     /// A real image as other LEDs, another pad or camera would have shown it.
     Photometric,
-    /// The simulation of a real sample.
+    /// The simulated counterpart of a real sample.
     Counterpart,
     /// A new sample of a job.
     Synthetic,
 }
 
 impl Source {
-    /// All of them.
+    /// All sources.
     pub const ALL: [Self; 4] = [Self::Real, Self::Photometric, Self::Counterpart, Self::Synthetic];
 
-    /// As it stands in labels.
+    /// Name in labels.
     pub fn name(self) -> &'static str {
         match self {
             Self::Real => "real",
@@ -30,39 +30,39 @@ impl Source {
     }
 }
 
-/// What a label says of where its sample comes from.
+/// Where a sample comes from, as its label states it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trace {
-    /// What it is.
+    /// Source of the sample.
     pub source: Source,
-    /// The real sample that it comes from; empty of a synthetic one.
+    /// Key of the real sample that it derives from; empty for a synthetic one.
     pub source_key: String,
-    /// What was drawn for it, as JSON; empty of a real one.
+    /// Values drawn for it, as JSON; empty for a real one.
     pub augmentation: String,
 }
 
 impl Trace {
-    /// Its values, in the order of [`TraceColumns`].
-    pub fn values(&self) -> [&str; 3] {
+    /// Values in the order of [`TraceColumns`].
+    pub fn column_values(&self) -> [&str; 3] {
         [self.source.name(), &self.source_key, &self.augmentation]
     }
 }
 
-/// Names of the three columns.
+/// Names of the three columns of the trace.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TraceColumns(pub [String; 3]);
 
 impl TraceColumns {
-    /// With `prefix` before each.
+    /// Creates the names, with `prefix` before each.
     pub fn new(prefix: &str) -> Self {
         Self(["source", "source_key", "augmentation"].map(|name| format!("{prefix}{name}")))
     }
 
-    /// Appends a trace to the text of a JSON object, which stays as it is otherwise.
-    pub fn append(&self, object: &str, trace: &Trace) -> Vec<u8> {
+    /// Appends a trace to the text of a JSON object. The rest of the text is unchanged.
+    pub fn append_to_json(&self, object: &str, trace: &Trace) -> Vec<u8> {
         let body = object.trim_end().strip_suffix('}').unwrap_or(object).trim_end();
         let mut text = body.to_owned();
-        for (name, value) in self.0.iter().zip(trace.values()) {
+        for (name, value) in self.0.iter().zip(trace.column_values()) {
             let comma = if text.ends_with('{') { "" } else { "," };
             text += &format!("{comma}{}:{}", Value::from(name.as_str()), Value::from(value));
         }
@@ -70,9 +70,9 @@ impl TraceColumns {
         text.into_bytes()
     }
 
-    /// Sets a trace in an object.
-    pub fn set(&self, object: &mut Map<String, Value>, trace: &Trace) {
-        for (name, value) in self.0.iter().zip(trace.values()) {
+    /// Inserts a trace into an object.
+    pub fn insert_into(&self, object: &mut Map<String, Value>, trace: &Trace) {
+        for (name, value) in self.0.iter().zip(trace.column_values()) {
             object.insert(name.clone(), Value::from(value));
         }
     }
@@ -87,12 +87,12 @@ mod tests {
         let trace =
             Trace { source: Source::Counterpart, source_key: String::from("a\"b"), augmentation: String::from("{}") };
         let columns = TraceColumns::new("x_");
-        let append = |text: &str| String::from_utf8(columns.append(text, &trace)).expect("UTF-8");
+        let append = |text: &str| String::from_utf8(columns.append_to_json(text, &trace)).expect("UTF-8");
         let end = "\"x_source\":\"twin\",\"x_source_key\":\"a\\\"b\",\"x_augmentation\":\"{}\"}";
         assert_eq!(append("{\"n\": 1e-7 }\n"), format!("{{\"n\": 1e-7,{end}"));
         assert_eq!(append("{ }"), format!("{{{end}"));
         let mut map = Map::new();
-        columns.set(&mut map, &trace);
+        columns.insert_into(&mut map, &trace);
         assert_eq!(serde_json::to_string(&map).expect("JSON"), format!("{{{end}"));
     }
 }

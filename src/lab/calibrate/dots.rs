@@ -1,8 +1,8 @@
-//! Dots printed on the pad. They move with its surface, so that in a press no dot is where the background image has it: what
-//! changed there says nothing of the light, and is neither learnt nor counted.
+//! Dots printed on the pad. They move with its surface, so in a press no dot is where the background image has it. What
+//! changes there says nothing about the light, and is neither learnt nor counted.
 //!
-//! Dots are spots darker (or brighter) than what a closing leaves of their neighbourhood (Serra 1982), round, of one size, and
-//! on a grid. In each image the pixels that they cover are filled from what is around them, and remembered.
+//! Dots are spots that are darker (or brighter) than a closing of their neighbourhood (Serra 1982), round, of one size,
+//! and on a grid. In each image the pixels that they cover are filled from their surroundings, and marked.
 
 use std::collections::VecDeque;
 
@@ -14,29 +14,29 @@ use gelsim_core::base::grid::Grid;
 use gelsim_files::sensor::markers::MarkerDistribution;
 use gelsim_files::sensor::quantity::Quantity;
 
-/// Widths of the neighbourhoods in which a spot is looked for, px.
+/// Widths of the neighbourhoods in which spots are searched, px.
 const WINDOWS: [usize; 6] = [5, 9, 15, 25, 41, 61];
-/// Fewer spots are no grid.
-const FEWEST: usize = 9;
-/// Fraction of the spots that must have neighbours on two sides at the grid's distance. Measured: 0.97 and more on printed
-/// grids, 0.33 and less on 19 pads without.
-const REGULAR: f64 = 0.7;
-/// By how much the distances to the nearest neighbours may vary, of their median. Measured: 0.03 and less on grids; 0.14 and
-/// more on other pads, whose spots are dust and specks.
-const UNEVEN: f64 = 0.1;
-/// By what factor spots of one print may differ in area.
-const SIZES: f64 = 2.5;
-/// Distances to neighbours on a grid, whose pitch along x and along y may differ.
-const NEIGHBOURS: std::ops::Range<f64> = 0.75..1.6;
-/// A grid whose rows lean further than this is not upright.
-const LEANING: f64 = 0.09;
+/// Fewest spots of a grid.
+const MIN_SPOTS: usize = 9;
+/// Fraction of the spots that must have neighbours on two sides at the grid's distance. Measured: 0.97 and more on
+/// printed grids, 0.33 and less on 19 pads without.
+const MIN_REGULAR: f64 = 0.7;
+/// Largest variation of the distances to the nearest neighbours, relative to their median. Measured: 0.03 and less on
+/// grids; 0.14 and more on other pads, whose spots are dust and specks.
+const MAX_UNEVEN: f64 = 0.1;
+/// Largest ratio of a spot's area to the usual one, and its inverse.
+const MAX_AREA_RATIO: f64 = 2.5;
+/// Distances to neighbours on a grid, over the nearest one: along x and along y they may differ.
+const NEIGHBOUR_DISTANCES: std::ops::Range<f64> = 0.75..1.6;
+/// Largest slope of the rows of an upright grid.
+const MAX_LEANING: f64 = 0.09;
 
 /// Dots that were found on an untouched pad.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dots {
-    /// How many are in view, whole ones.
+    /// Number of dots that are completely in view.
     pub count: usize,
-    /// Distance between neighbours along x and y, px; `None` of a grid that is not upright.
+    /// Distance between neighbours along x and y, px; `None` if the grid is not upright.
     pub pitch_px: Option<[f64; 2]>,
     /// Distance to the nearest neighbour, px.
     pub nearest_px: f64,
@@ -46,9 +46,9 @@ pub struct Dots {
     pub edge_px: f64,
     /// Largest offset of a dot from the grid, px.
     pub jitter_px: f64,
-    /// What of red, green and blue is left in the middle of a dot; above 1 if it is brighter than the pad.
+    /// Fraction of red, green and blue that is left in the middle of a dot; above 1 if it is brighter than the pad.
     pub color: [f64; 3],
-    /// How far presses carried them, px: of 19 in 20 dots no further.
+    /// Distance by which presses moved the dots, px: that of 19 in 20 is not larger.
     pub motion_px: f64,
     is_dark: bool,
     window: usize,
@@ -56,7 +56,7 @@ pub struct Dots {
     area: f64,
 }
 
-/// A spot.
+/// A group of pixels that may be a dot.
 #[derive(Clone, Debug)]
 struct Spot {
     centre: [f64; 2],
@@ -64,25 +64,26 @@ struct Spot {
     is_cut: bool,
 }
 
-/// An image without its dots.
+/// An image whose dots were filled.
 #[derive(Clone, Debug)]
 pub struct InpaintedImage {
     /// The image, filled where dots were.
     pub image: RgbImage,
-    /// True at the pixels that were filled.
+    /// True for pixels that were filled.
     pub ink: Vec<bool>,
 }
 
 impl Dots {
-    /// The dots of an untouched pad, and its picture without them; `None` without any.
+    /// Finds the dots of an untouched pad, and fills them in its picture; `None` without dots.
     pub fn find(background: &RgbImage) -> Option<(Self, InpaintedImage)> {
-        let level = brightness(background);
-        // Between dark dots the pad is a grid of bright spots, and the other way round: dots are the smaller ones.
-        let found = [true, false].into_iter().filter_map(|is_dark| Grids::find(&level, is_dark));
-        let Grids { is_dark, window, spots, nearest_px, .. } = found.min_by(|a, b| a.covered.total_cmp(&b.covered))?;
-        let whole: Vec<&Spot> = spots.iter().filter(|spot| !spot.is_cut).collect();
-        let area = median(&whole.iter().map(|spot| spot.places.len() as f64).collect::<Vec<_>>())?;
-        let centres: Vec<[f64; 2]> = whole.iter().map(|spot| spot.centre).collect();
+        let level = mean_of_channels(background);
+        // Between dark dots the pad looks like a grid of bright spots, and vice versa: the dots are the smaller ones.
+        let found = [true, false].into_iter().filter_map(|is_dark| SpotGrid::find_densest(&level, is_dark));
+        let SpotGrid { is_dark, window, spots, nearest_px, .. } =
+            found.min_by(|a, b| a.covered.total_cmp(&b.covered))?;
+        let uncut: Vec<&Spot> = spots.iter().filter(|spot| !spot.is_cut).collect();
+        let area = median(&uncut.iter().map(|spot| spot.places.len() as f64).collect::<Vec<_>>())?;
+        let centres: Vec<[f64; 2]> = uncut.iter().map(|spot| spot.centre).collect();
         let mut dots = Self {
             count: centres.len(),
             pitch_px: None,
@@ -97,22 +98,22 @@ impl Dots {
             centres,
             area,
         };
-        let ink = dots.covered(&spots, &level);
-        let cleared = InpaintedImage { image: filled(background, &ink), ink };
-        dots.measure(background, &cleared.image);
+        let ink = dots.covered_pixels(&spots, &level);
+        let cleared = InpaintedImage { image: fill_ink(background, &ink), ink };
+        dots.measure_ink(background, &cleared.image);
         dots.measure_grid();
         Some((dots, cleared))
     }
 
-    /// The image of a press without dots; the second picture of each is how far they were carried, px.
-    pub fn clear(&self, image: &RgbImage) -> (InpaintedImage, Vec<f64>) {
-        let level = brightness(image);
-        let spots: Vec<Spot> = spots(&level, self.window, self.is_dark)
+    /// Fills the dots of a press's image. Also returns how far the dots were moved, px.
+    pub fn inpaint_dots(&self, image: &RgbImage) -> (InpaintedImage, Vec<f64>) {
+        let level = mean_of_channels(image);
+        let spots: Vec<Spot> = find_spots(&level, self.window, self.is_dark)
             .into_iter()
             .filter(|spot| spot.is_cut || self.is_alike(spot))
             .collect();
-        let mut ink = self.covered(&spots, &level);
-        // Of a dot that is not seen again, as in deep shadow, all places are covered to which it may have gone.
+        let mut ink = self.covered_pixels(&spots, &level);
+        // A dot may not be seen again, for example in deep shadow: cover all places to which it may have moved.
         let reach = 0.6 * self.nearest_px;
         let distance = |centre: &[f64; 2]| {
             let away = |spot: &Spot| (spot.centre[0] - centre[0]).hypot(spot.centre[1] - centre[1]);
@@ -122,63 +123,70 @@ impl Dots {
         let motion: Vec<f64> = away.iter().copied().filter(|away| *away < reach).collect();
         let moved = quantile(&motion, 0.95).unwrap_or(0.0);
         for (centre, _) in self.centres.iter().zip(&away).filter(|(_, away)| **away >= reach) {
-            cover_disc(&mut ink, [level.width, level.height], *centre, 0.5 * self.diameter_px + self.margin() + moved);
+            cover_disc(
+                &mut ink,
+                [level.width, level.height],
+                *centre,
+                0.5 * self.diameter_px + self.cover_margin() + moved,
+            );
         }
-        (InpaintedImage { image: filled(image, &ink), ink }, motion)
+        (InpaintedImage { image: fill_ink(image, &ink), ink }, motion)
     }
 
-    /// Remembers how far dots were carried in all presses.
+    /// Stores how far dots were moved over all presses, px.
     pub fn with_motion(self, mut all: Vec<f64>) -> Self {
         all.retain(|px| px.is_finite());
         Self { motion_px: quantile(&all, 0.95).unwrap_or(0.0), ..self }
     }
 
-    /// What a sensor file says of them, of pixels of this size: `None` of bright ones, which no ink makes, and of grids
-    /// that are not upright and square.
-    pub fn markers(&self, mm_per_px: f64) -> Option<MarkerDistribution> {
-        /// By how much the pitch along x and along y may differ.
+    /// Describes the dots for a sensor file, for this pixel size. `None` for bright dots, which ink cannot make, and
+    /// for grids that are not upright and square.
+    pub fn to_markers(&self, mm_per_px: f64) -> Option<MarkerDistribution> {
+        /// Largest relative difference of the distances along x and along y.
         const SQUARE: f64 = 0.05;
         let [across, down] = self.pitch_px.filter(|_| self.is_dark)?;
         if (across / down - 1.0).abs() > SQUARE {
             return None;
         }
-        let constant = |px: f64| Quantity::Constant(rounded(px * mm_per_px));
+        let constant = |px: f64| Quantity::Constant(round_measured(px * mm_per_px));
         let markers = MarkerDistribution {
             pitch_mm: constant(0.5 * (across + down)),
             diameter_mm: constant(self.diameter_px),
             jitter_mm: constant(self.jitter_px),
-            color: self.color.map(|share| rounded(share.clamp(0.0, 1.0))),
-            edge_mm: rounded(self.edge_px * mm_per_px),
+            color: self.color.map(|share| round_measured(share.clamp(0.0, 1.0))),
+            edge_mm: round_measured(self.edge_px * mm_per_px),
         };
         Some(markers)
     }
 
+    /// Returns true for a spot of about the dots' area.
     fn is_alike(&self, spot: &Spot) -> bool {
         let size = spot.places.len() as f64 / self.area;
-        (1.0 / SIZES..SIZES).contains(&size)
+        (1.0 / MAX_AREA_RATIO..MAX_AREA_RATIO).contains(&size)
     }
 
-    /// Pixels around a spot that are covered with it: its soft edge.
-    fn margin(&self) -> f64 {
+    /// Width of the margin around a spot that is covered with it, px: its soft edge.
+    fn cover_margin(&self) -> f64 {
         2.0 + 0.15 * self.diameter_px
     }
 
-    /// The pixels of these spots, with their edges.
-    fn covered(&self, spots: &[Spot], level: &Grid<f32>) -> Vec<bool> {
+    /// Returns the pixels of these spots, with their edges.
+    fn covered_pixels(&self, spots: &[Spot], level: &Grid<f32>) -> Vec<bool> {
         let size = [level.width, level.height];
         let mut ink = vec![false; level.data.len()];
         for place in spots.iter().flat_map(|spot| &spot.places) {
             let centre = [(place % level.width) as f64, (place / level.width) as f64];
-            cover_disc(&mut ink, size, centre, self.margin());
+            cover_disc(&mut ink, size, centre, self.cover_margin());
         }
         ink
     }
 
-    /// Diameter, edge and colour from what the ink takes of the filled picture, over the distance from the dots' middles.
-    fn measure(&mut self, image: &RgbImage, filled: &RgbImage) {
-        /// Parts of a pixel that distances are told apart by.
+    /// Measures diameter, edge and colour from the fraction that the ink takes of the filled picture, as a function of
+    /// the distance from the dots' centres.
+    fn measure_ink(&mut self, image: &RgbImage, filled: &RgbImage) {
+        /// Number of rings per pixel of distance.
         const PARTS: f64 = 2.0;
-        let reach = 0.5 * self.diameter_px + self.margin();
+        let reach = 0.5 * self.diameter_px + self.cover_margin();
         let mut rings = vec![[0.0; 4]; (PARTS * reach) as usize + 1];
         let (width, height) = (image.width() as i64, image.height() as i64);
         for [x, y] in &self.centres {
@@ -196,7 +204,7 @@ impl Dots {
             }
         }
         let left = |ring: &[f64; 4]| [0, 1, 2].map(|k| if ring[3] > 0.0 { ring[k] / ring[3] } else { 1.0 });
-        // The middle of a small dot is a few pixels, so that the innermost rings count together.
+        // The middle of a small dot is only a few pixels: count the innermost rings together.
         let middle = (PARTS * 0.25 * self.diameter_px).ceil().max(1.0) as usize;
         let sum = rings.iter().take(middle).fold([0.0; 4], |sum, ring| std::array::from_fn(|k| sum[k] + ring[k]));
         self.color = left(&sum);
@@ -208,19 +216,20 @@ impl Dots {
         let cover: Vec<f64> = rings.iter().map(|ring| taken(left(ring)) / all).collect();
         let radius = |k: usize| (k as f64 + 0.5) / PARTS;
         let area: f64 = cover.iter().enumerate().map(|(k, cover)| 2.0 * radius(k) / PARTS * cover).sum();
-        // Where the ramp from full ink to none is a quarter and three quarters down, a pixel's own width aside.
+        // The distance between a quarter and three quarters of the fall is half of the ramp; a pixel's own width is
+        // subtracted.
         let falls = |to: f64| cover.iter().position(|cover| *cover < to).map_or(reach, radius);
         self.edge_px = (2.0 * (falls(0.25) - falls(0.75)) - 1.0).max(0.0);
         self.diameter_px = 2.0 * area.max(0.0).sqrt();
     }
 
-    /// Pitch and jitter from the neighbours on each side.
+    /// Measures distances and jitter of the grid from each dot's neighbours.
     fn measure_grid(&mut self) {
         let (mut across, mut down, mut lean) = (Vec::new(), Vec::new(), Vec::new());
         for from in &self.centres {
             for to in &self.centres {
                 let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
-                if !NEIGHBOURS.contains(&(dx.hypot(dy) / self.nearest_px)) {
+                if !NEIGHBOUR_DISTANCES.contains(&(dx.hypot(dy) / self.nearest_px)) {
                     continue;
                 }
                 if dx > 0.0 && dy.abs() < 0.35 * dx {
@@ -232,19 +241,19 @@ impl Dots {
             }
         }
         let (Some(x), Some(y), Some(lean)) = (median(&across), median(&down), median(&lean)) else { return };
-        if lean.abs() > LEANING || across.len().min(down.len()) * 2 < self.count {
+        if lean.abs() > MAX_LEANING || across.len().min(down.len()) * 2 < self.count {
             return;
         }
         self.pitch_px = Some([x, y]);
         let mut off: Vec<f64> = across.iter().map(|px| (px - x).abs()).collect();
         off.extend(down.iter().map(|px| (px - y).abs()));
-        // Of two offsets, each as likely anywhere up to the largest one, half of the differences are below 0.586 of that.
+        // The difference of two offsets, both uniform up to the largest one, has its median at 0.586 of that.
         self.jitter_px = median(&off).unwrap_or(0.0) / 0.586;
     }
 }
 
-/// A grid of spots in one neighbourhood.
-struct Grids {
+/// A grid of spots found with one neighbourhood.
+struct SpotGrid {
     is_dark: bool,
     window: usize,
     spots: Vec<Spot>,
@@ -253,14 +262,17 @@ struct Grids {
     covered: f64,
 }
 
-impl Grids {
-    /// The grid that spots of most sizes make; `None` if they make none.
-    fn find(level: &Grid<f32>, is_dark: bool) -> Option<Self> {
+impl SpotGrid {
+    /// Finds the grid that has the most spots over all sizes of neighbourhoods; `None` if there is none.
+    fn find_densest(level: &Grid<f32>, is_dark: bool) -> Option<Self> {
         let most = level.width.min(level.height) / 5;
         let windows: Vec<usize> = WINDOWS.into_iter().filter(|window| *window <= most).collect();
-        let all: Vec<Option<Self>> =
-            windows.par_iter().map(|window| Self::of(spots(level, *window, is_dark), *window, is_dark)).collect();
-        // In a small neighbourhood the parts of a large dot may make a grid of their own: the largest one knows the pitch.
+        let all: Vec<Option<Self>> = windows
+            .par_iter()
+            .map(|window| Self::from_spots(find_spots(level, *window, is_dark), *window, is_dark))
+            .collect();
+        // In a small neighbourhood the parts of a large dot may form a grid of their own: the largest one has the true
+        // distance.
         let all: Vec<Self> = all.into_iter().flatten().collect();
         let nearest_px = all.last()?.nearest_px;
         let same = |grid: &Self| (grid.nearest_px / nearest_px - 1.0).abs() < 0.1;
@@ -269,51 +281,52 @@ impl Grids {
         all.into_iter().find(|grid| same(grid) && 10 * count(grid) >= 9 * most)
     }
 
-    fn of(spots: Vec<Spot>, window: usize, is_dark: bool) -> Option<Self> {
+    /// Checks that spots form a grid; `None` if they do not.
+    fn from_spots(spots: Vec<Spot>, window: usize, is_dark: bool) -> Option<Self> {
         let area = |spot: &Spot| spot.places.len() as f64;
         let usual = median(&spots.iter().filter(|spot| !spot.is_cut).map(area).collect::<Vec<_>>())?;
-        let alike = |spot: &Spot| spot.is_cut || (1.0 / SIZES..SIZES).contains(&(area(spot) / usual));
+        let alike = |spot: &Spot| spot.is_cut || (1.0 / MAX_AREA_RATIO..MAX_AREA_RATIO).contains(&(area(spot) / usual));
         let spots: Vec<Spot> = spots.into_iter().filter(alike).collect();
-        let whole: Vec<&Spot> = spots.iter().filter(|spot| !spot.is_cut).collect();
-        if whole.len() < FEWEST || whole.len() > MOST {
+        let uncut: Vec<&Spot> = spots.iter().filter(|spot| !spot.is_cut).collect();
+        if uncut.len() < MIN_SPOTS || uncut.len() > MAX_SPOTS {
             return None;
         }
         let away = |a: &Spot, b: &Spot| (a.centre[0] - b.centre[0]).hypot(a.centre[1] - b.centre[1]);
         let nearest = |k: usize| {
-            let others = whole.iter().enumerate().filter(|(other, _)| *other != k);
-            others.map(|(_, other)| away(whole[k], other)).fold(f64::INFINITY, f64::min)
+            let others = uncut.iter().enumerate().filter(|(other, _)| *other != k);
+            others.map(|(_, other)| away(uncut[k], other)).fold(f64::INFINITY, f64::min)
         };
-        let distances: Vec<f64> = (0..whole.len()).map(nearest).collect();
+        let distances: Vec<f64> = (0..uncut.len()).map(nearest).collect();
         let nearest_px = median(&distances)?;
         let off: Vec<f64> = distances.iter().map(|px| (px - nearest_px).abs()).collect();
-        let regular = whole.iter().filter(|spot| has_two_sides(spot, &whole, nearest_px)).count();
-        let is_grid = regular as f64 >= REGULAR * whole.len() as f64 && median(&off)? <= UNEVEN * nearest_px;
+        let regular = uncut.iter().filter(|spot| has_two_sides(spot, &uncut, nearest_px)).count();
+        let is_grid = regular as f64 >= MIN_REGULAR * uncut.len() as f64 && median(&off)? <= MAX_UNEVEN * nearest_px;
         let covered = usual / (nearest_px * nearest_px);
         is_grid.then_some(Self { is_dark, window, spots, nearest_px, covered })
     }
 }
 
-/// More spots are noise: to find each one's neighbours would take minutes.
-const MOST: usize = 4000;
+/// Most spots: more are noise, and the search for neighbours would take minutes.
+const MAX_SPOTS: usize = 4000;
 
-/// True of a spot with neighbours at the grid's distance in two directions that are far from one line.
+/// Returns true for a spot with neighbours at the grid's distance in two directions that are far from one line.
 fn has_two_sides(spot: &Spot, all: &[&Spot], nearest_px: f64) -> bool {
     let directions = all.iter().filter_map(|other| {
         let [dx, dy] = [other.centre[0] - spot.centre[0], other.centre[1] - spot.centre[1]];
         let away = dx.hypot(dy);
-        NEIGHBOURS.contains(&(away / nearest_px)).then(|| [dx / away, dy / away])
+        NEIGHBOUR_DISTANCES.contains(&(away / nearest_px)).then(|| [dx / away, dy / away])
     });
     let directions: Vec<[f64; 2]> = directions.collect();
     directions.iter().any(|[a, b]| directions.iter().any(|[c, d]| (a * c + b * d).abs() < 0.5))
 }
 
-/// The spots of one size: pixels that are darker than what a closing leaves, in round groups.
-fn spots(level: &Grid<f32>, window: usize, is_dark: bool) -> Vec<Spot> {
+/// Finds the spots of one size: round groups of pixels that are darker than the closing.
+fn find_spots(level: &Grid<f32>, window: usize, is_dark: bool) -> Vec<Spot> {
     let turned = |value: f32| if is_dark { value } else { 255.0 - value };
     let plain = Grid { data: level.data.iter().map(|value| turned(*value)).collect(), ..*level };
-    let smooth = averaged(&plain);
-    let closed = extreme(&extreme(&smooth, window, f32::max), window, f32::min);
-    // Noise that the mean of nine pixels leaves.
+    let smooth = average_neighbours(&plain);
+    let closed = extreme_in_square(&extreme_in_square(&smooth, window, f32::max), window, f32::min);
+    // Noise that remains in the mean of nine pixels.
     let off: Vec<f64> = plain.data.iter().zip(&smooth.data).map(|(a, b)| f64::from((a - b).abs())).collect();
     let noise = 1.4826 * median(&off).unwrap_or(0.0) / 3.0;
     let least = (6.0 * noise).max(8.0) as f32;
@@ -341,13 +354,13 @@ fn spots(level: &Grid<f32>, window: usize, is_dark: bool) -> Vec<Spot> {
                 }
             }
         }
-        all.extend(spot(places, &depth, [width, height], window));
+        all.extend(spot_from_pixels(places, &depth, [width, height], window));
     }
     all
 }
 
-/// The spot that these pixels are, if they are round.
-fn spot(places: Vec<usize>, depth: &[f32], [width, height]: [usize; 2], window: usize) -> Option<Spot> {
+/// Makes a spot of connected pixels, if they are round.
+fn spot_from_pixels(places: Vec<usize>, depth: &[f32], [width, height]: [usize; 2], window: usize) -> Option<Spot> {
     let (mut low, mut high) = ([usize::MAX; 2], [0; 2]);
     let (mut sum, mut all) = ([0.0; 2], 0.0);
     for at in &places {
@@ -367,14 +380,14 @@ fn spot(places: Vec<usize>, depth: &[f32], [width, height]: [usize; 2], window: 
     fits.then(|| Spot { centre: sum.map(|sum| sum / all), places, is_cut })
 }
 
-/// Mean of the channels.
-fn brightness(image: &RgbImage) -> Grid<f32> {
+/// Returns the mean of the channels.
+fn mean_of_channels(image: &RgbImage) -> Grid<f32> {
     let data = image.pixels().map(|pixel| pixel.0.iter().map(|level| f32::from(*level)).sum::<f32>() / 3.0).collect();
     Grid { width: image.width() as usize, height: image.height() as usize, data }
 }
 
-/// Means of nine pixels; at the border of those that are there.
-fn averaged(grid: &Grid<f32>) -> Grid<f32> {
+/// Averages nine pixels; at the border those that exist.
+fn average_neighbours(grid: &Grid<f32>) -> Grid<f32> {
     let mut out = Grid::new(grid.width, grid.height);
     for y in 0..grid.height {
         let rows = y.saturating_sub(1)..(y + 2).min(grid.height);
@@ -388,13 +401,13 @@ fn averaged(grid: &Grid<f32>) -> Grid<f32> {
     out
 }
 
-/// The largest, or smallest, value in a square of `window` pixels around each.
-fn extreme(grid: &Grid<f32>, window: usize, of: impl Fn(f32, f32) -> f32 + Copy) -> Grid<f32> {
-    turned(&extreme_in_rows(&turned(&extreme_in_rows(grid, window, of)), window, of))
+/// Finds the largest, or smallest, value in a square of `window` pixels around each pixel.
+fn extreme_in_square(grid: &Grid<f32>, window: usize, of: impl Fn(f32, f32) -> f32 + Copy) -> Grid<f32> {
+    transpose(&extreme_in_rows(&transpose(&extreme_in_rows(grid, window, of)), window, of))
 }
 
-/// The same along rows: first over blocks of `window` from both of their ends, then two of these for each pixel (van Herk
-/// 1992).
+/// Finds the extreme values in windows along rows (van Herk 1992): running extremes over blocks of `window` from both
+/// ends, then two of these for each pixel. The cost does not depend on the window.
 fn extreme_in_rows(grid: &Grid<f32>, window: usize, of: impl Fn(f32, f32) -> f32) -> Grid<f32> {
     let mut out = Grid::new(grid.width, grid.height);
     let half = window / 2;
@@ -419,8 +432,8 @@ fn extreme_in_rows(grid: &Grid<f32>, window: usize, of: impl Fn(f32, f32) -> f32
     out
 }
 
-/// Columns as rows.
-fn turned(grid: &Grid<f32>) -> Grid<f32> {
+/// Exchanges rows and columns.
+fn transpose(grid: &Grid<f32>) -> Grid<f32> {
     let mut out = Grid::new(grid.height, grid.width);
     for y in 0..grid.height {
         for (x, value) in grid.row(y).iter().enumerate() {
@@ -430,6 +443,7 @@ fn turned(grid: &Grid<f32>) -> Grid<f32> {
     out
 }
 
+/// Covers the pixels of a disc, px.
 fn cover_disc(ink: &mut [bool], [width, height]: [usize; 2], [x, y]: [f64; 2], radius: f64) {
     let span = |centre: f64, size: usize| {
         (centre - radius).ceil().max(0.0) as usize..((centre + radius).floor() + 1.0).clamp(0.0, size as f64) as usize
@@ -443,13 +457,13 @@ fn cover_disc(ink: &mut [bool], [width, height]: [usize; 2], [x, y]: [f64; 2], r
     }
 }
 
-/// The image with what `ink` covers filled from around it: from coarse means of what is not covered to fine ones.
-fn filled(image: &RgbImage, ink: &[bool]) -> RgbImage {
+/// Fills the pixels that `ink` covers from their surroundings, from coarse means to fine ones.
+fn fill_ink(image: &RgbImage, ink: &[bool]) -> RgbImage {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let data = image.pixels().zip(ink).map(|(pixel, covered)| {
         if *covered { [0.0; 4] } else { [f32::from(pixel[0]), f32::from(pixel[1]), f32::from(pixel[2]), 1.0] }
     });
-    let smooth = settled(&Grid { width, height, data: data.collect() });
+    let smooth = fill_unknown(&Grid { width, height, data: data.collect() });
     let mut out = image.clone();
     for ((pixel, covered), value) in out.pixels_mut().zip(ink).zip(&smooth.data) {
         if *covered {
@@ -459,9 +473,9 @@ fn filled(image: &RgbImage, ink: &[bool]) -> RgbImage {
     out
 }
 
-/// Values where the fourth number, their weight, is 0 are taken from means of 2 x 2 pixels, which have theirs the same way;
-/// then the values that were filled are smoothed between the others.
-fn settled(grid: &Grid<[f32; 4]>) -> Grid<[f32; 4]> {
+/// Fills values whose weight, the fourth number, is 0: recursively from means of 2 x 2 pixels. Then smooths the filled
+/// values between the known ones.
+fn fill_unknown(grid: &Grid<[f32; 4]>) -> Grid<[f32; 4]> {
     let is_known = |value: &[f32; 4]| value[3] > 0.0;
     if grid.data.iter().all(is_known) || grid.width.max(grid.height) < 2 {
         return grid.clone();
@@ -479,7 +493,7 @@ fn settled(grid: &Grid<[f32; 4]>) -> Grid<[f32; 4]> {
         (0..3).for_each(|k| value[k] /= count);
         value[3] = 1.0;
     }
-    let coarse = settled(&half);
+    let coarse = fill_unknown(&half);
     let mut out = grid.clone();
     for y in 0..grid.height {
         for (x, value) in out.row_mut(y).iter_mut().enumerate().filter(|(_, value)| value[3] == 0.0) {
@@ -487,7 +501,7 @@ fn settled(grid: &Grid<[f32; 4]>) -> Grid<[f32; 4]> {
             (0..3).for_each(|k| value[k] = rest[k]);
         }
     }
-    // A few steps of Jacobi's; larger shapes have had theirs on coarser grids.
+    // A few steps of Jacobi's method suffice: larger shapes were smoothed on coarser grids.
     for _ in 0..8 {
         let before = out.clone();
         for y in 0..grid.height {
@@ -503,7 +517,7 @@ fn settled(grid: &Grid<[f32; 4]>) -> Grid<[f32; 4]> {
     out
 }
 
-/// To what was measured.
-fn rounded(value: f64) -> f64 {
+/// Rounds to the precision of a measurement.
+fn round_measured(value: f64) -> f64 {
     (1e3 * value).round() / 1e3
 }

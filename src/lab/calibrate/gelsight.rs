@@ -1,14 +1,14 @@
-//! A calibration that GelSight publishes of a device (gelsightinc/gssim), made into a sensor of ours.
+//! Turns a calibration that GelSight publishes of a device (gelsightinc/gssim) into a sensor file.
 //!
-//! Read are a YAML file and the image of the flat field that it names. Of the YAML: `nL`, `width`, `height`,
-//! `mmperpixel`; `quadfit`, a row for each term of the place (x^2, x y, y^2, x, y, 1) and ten columns for each lamp;
-//! the last row of `linfit`, where the lamps are; and `flatfield`. The published code adds up `quadfit` as
-//! [`gelsim_core::optics::lamps`] says, and divides by a correction, `scale` / flat field. The image holds the flat
-//! fields of the lamps as tiles, three beside each other. Here each is divided by its scale and fitted by a polynomial
-//! of fourth degree, so that a sensor file needs no image.
+//! It consists of a YAML file and the image of the flat field that it names. From the YAML come `nL`, `width`,
+//! `height`, `mmperpixel`; `quadfit`, a row for each term of the place (x^2, x y, y^2, x, y, 1) and ten columns for
+//! each lamp; the last row of `linfit`, which says where the lamps are; and `flatfield`. The published code sums up
+//! `quadfit` as [`gelsim_core::optics::lamps`] describes, and divides by a correction, `scale` / flat field. The image
+//! holds the flat fields of the lamps as tiles, three in a row. Here each is divided by its scale and fitted by a
+//! polynomial of fourth degree, so that a sensor file needs no image.
 //!
-//! The published code counts columns and rows from 0 and the middle from 1: its places are one pixel of the full image off. Ours
-//! are not; that changes grey levels by less than a tenth.
+//! The published code counts columns and rows from 0 but the middle from 1, so its places are off by one pixel of the
+//! full image. Ours are not; this changes grey levels by less than a tenth.
 
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write as _;
@@ -17,50 +17,50 @@ use std::path::Path;
 
 use nalgebra::{SMatrix, SVector};
 
-use gelsim_core::optics::lamps::{COEFFICIENTS, COUNT, FLAT_FIELD_TERMS, Lamp, PLACE_TERMS};
+use gelsim_core::optics::lamps::{COEFFICIENTS, FLAT_FIELD_TERMS, LAMP_COUNT, Lamp, PLACE_TERMS};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
-use gelsim_files::source::{Place, Source};
+use gelsim_files::source::{SourceSpan, SourceText};
 use gelsim_files::{input, png};
 
 /// Largest YAML file, bytes.
-const MOST_YAML: u64 = 1 << 20;
-/// Pixels of the device's image that one of ours is wide and high.
+const MAX_YAML_BYTES: u64 = 1 << 20;
+/// Pixels of the device's image per pixel of ours, in each direction.
 const REDUCTION: f64 = 4.0;
 /// Widest and highest image of a device, px.
-const MOST_PX: f64 = 32768.0;
-/// Darkest value of a flat field that counts, as in the published code.
+const MAX_IMAGE_PX: f64 = 32768.0;
+/// Darkest value of a flat field, as in the published code.
 const DARKEST: f64 = 1.0 / 255.0;
-/// Narrowest and lowest flat field: a polynomial of fourth degree needs more pixels than terms.
+/// Smallest side of a tile: a polynomial of fourth degree needs more pixels than terms.
 const SMALLEST_TILE: f64 = 8.0;
 
-/// What a calibration says of its device.
+/// Contents of a calibration.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImportedSensor {
-    /// The file's name without its end.
+pub struct GelsightImport {
+    /// Name of the file without its ending.
     pub name: String,
     /// Width and height of the sensor's image, px: a quarter of the device's.
     pub resolution_px: [u32; 2],
-    /// Width and height of the part of the pad that it shows, mm.
+    /// Width and height of the part of the pad in view, mm.
     pub field_of_view_mm: [f64; 2],
     /// The lamps, in the order of the file.
     pub lamps: Vec<Lamp>,
-    /// What the polynomial of each lamp's flat field leaves of the image, or why there is no image.
-    pub flat_field: Result<Vec<Left>, String>,
+    /// Residuals of the polynomials of the lamps' flat fields, or why there is no image.
+    pub flat_field: Result<Vec<FitResidual>, String>,
 }
 
-/// What a polynomial leaves of a flat field, grey levels.
+/// Residual of a polynomial against a flat field, grey levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Left {
+pub struct FitResidual {
     /// Root mean square.
     pub rms: f64,
-    /// By most.
+    /// Largest residual.
     pub most: f64,
 }
 
-/// Reads the calibration at `path`. On failure, everything that is wrong in it.
-pub fn import(path: &Path) -> Result<ImportedSensor, Report> {
+/// Reads the calibration at `path`. On failure returns everything that is wrong in it.
+pub fn import_gelsight_yaml(path: &Path) -> Result<GelsightImport, Report> {
     let shown = path.display().to_string();
-    let text = input::read(path, MOST_YAML).map_err(|error| error.to_string());
+    let text = input::read(path, MAX_YAML_BYTES).map_err(|error| error.to_string());
     let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| String::from("it is not UTF-8")));
     let text = text.map_err(|reason| {
         gelsim_files::diagnostic::user_error(
@@ -69,13 +69,13 @@ pub fn import(path: &Path) -> Result<ImportedSensor, Report> {
         )
     })?;
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    let source = Source { name: shown, text, folder: folder.clone() };
-    let mut yaml = Yaml::new(&source.text);
-    let device = Device::read(&mut yaml);
+    let source = SourceText { name: shown, text, folder: folder.clone() };
+    let mut yaml = YamlLines::new(&source.text);
+    let device = DeviceCalibration::read(&mut yaml);
     let mut problems = yaml.problems;
     let flat_field = device.as_ref().map(|device| match &device.flat_field {
         None => Ok(Err(String::from("the calibration has none"))),
-        Some(flat_field) => fields(flat_field, &folder),
+        Some(flat_field) => fit_flat_fields(flat_field, &folder),
     });
     let fitted = match flat_field {
         Some(Ok(fitted)) => Some(fitted),
@@ -89,20 +89,20 @@ pub fn import(path: &Path) -> Result<ImportedSensor, Report> {
     let (Some(device), Some(fitted), true) = (device, fitted, problems.is_empty()) else {
         return Err(Report::new(&problems, &[source]));
     };
-    let Device { size_px, mm_per_px, quadratics, azimuths, .. } = device;
+    let DeviceCalibration { size_px, mm_per_px, quadratics, azimuths, .. } = device;
     let even = {
         let mut even = [0.0; FLAT_FIELD_TERMS];
         even[0] = 1.0;
         even
     };
-    let colors = colors(&azimuths);
-    let lamps = (0..COUNT).map(|k| Lamp {
+    let colors = lamp_colors(&azimuths);
+    let lamps = (0..LAMP_COUNT).map(|k| Lamp {
         name: char::from(b'A' + k as u8).to_string(),
         color: colors[k],
         quadratic: quadratics[k],
         flat_field: fitted.as_ref().map_or(even, |fitted| fitted[k].0),
     });
-    Ok(ImportedSensor {
+    Ok(GelsightImport {
         name: path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
         resolution_px: size_px.map(|px| libm::round(px / REDUCTION).max(1.0) as u32),
         field_of_view_mm: size_px.map(|px| libm::round(1e4 * px * mm_per_px) / 1e4),
@@ -111,31 +111,31 @@ pub fn import(path: &Path) -> Result<ImportedSensor, Report> {
     })
 }
 
-/// What is read of the YAML.
-struct Device {
+/// Values read from the YAML.
+struct DeviceCalibration {
     size_px: [f64; 2],
     mm_per_px: f64,
     quadratics: Vec<[[f64; PLACE_TERMS]; COEFFICIENTS]>,
-    /// Of each lamp, from +x (right) towards +y (down).
+    /// Azimuth of each lamp, rad, from +x (right) towards +y (down).
     azimuths: Vec<f64>,
     flat_field: Option<FlatField>,
 }
 
 struct FlatField {
     file: String,
-    file_place: Place,
+    file_place: SourceSpan,
     tile_px: [usize; 2],
     scale: Vec<f64>,
 }
 
-impl Device {
-    /// `None` after a mistake.
-    fn read(yaml: &mut Yaml<'_>) -> Option<Self> {
-        let lamps = yaml.number("", "nL", COUNT as f64..=COUNT as f64);
-        let size_px = ["width", "height"].map(|key| yaml.number("", key, 1.0..=MOST_PX));
-        let mm_per_px = yaml.number("", "mmperpixel", 1e-6..=1.0);
-        let quadratics = yaml.matrix("quadfit", COEFFICIENTS * COUNT).map(|matrix| quadratics(&matrix));
-        let azimuths = yaml.matrix("linfit", 3 * COUNT).map(|matrix| {
+impl DeviceCalibration {
+    /// Reads the values. `None` after a mistake.
+    fn read(yaml: &mut YamlLines<'_>) -> Option<Self> {
+        let lamps = yaml.read_number("", "nL", LAMP_COUNT as f64..=LAMP_COUNT as f64);
+        let size_px = ["width", "height"].map(|key| yaml.read_number("", key, 1.0..=MAX_IMAGE_PX));
+        let mm_per_px = yaml.read_number("", "mmperpixel", 1e-6..=1.0);
+        let quadratics = yaml.read_matrix("quadfit", COEFFICIENTS * LAMP_COUNT).map(|matrix| lamp_quadratics(&matrix));
+        let azimuths = yaml.read_matrix("linfit", 3 * LAMP_COUNT).map(|matrix| {
             let last = matrix.last().cloned().unwrap_or_default();
             last.as_chunks::<3>().0.iter().map(|[x, y, _]| libm::atan2(*y, *x)).collect()
         });
@@ -153,19 +153,19 @@ impl Device {
 }
 
 impl FlatField {
-    fn read(yaml: &mut Yaml<'_>) -> Option<Self> {
-        let file = yaml.text("flatfield", "modelfile");
-        let tile = yaml.list("flatfield", "modelsize", 2, SMALLEST_TILE..=MOST_PX / REDUCTION);
-        let scale = yaml.list("flatfield", "scale", COUNT, DARKEST..=1.0);
+    fn read(yaml: &mut YamlLines<'_>) -> Option<Self> {
+        let file = yaml.read_text("flatfield", "modelfile");
+        let tile = yaml.read_list("flatfield", "modelsize", 2, SMALLEST_TILE..=MAX_IMAGE_PX / REDUCTION);
+        let scale = yaml.read_list("flatfield", "scale", LAMP_COUNT, DARKEST..=1.0);
         let (file, file_place) = file?;
         let tile = tile?;
         Some(Self { file, file_place, tile_px: [tile[0] as usize, tile[1] as usize], scale: scale? })
     }
 }
 
-/// The quadratics of all lamps; `matrix` has a row for each term of the place.
-fn quadratics(matrix: &[Vec<f64>]) -> Vec<[[f64; PLACE_TERMS]; COEFFICIENTS]> {
-    // Ours are the factors of 1, y, y^2, x, x y, x^2; theirs end with those of x, y and 1.
+/// Converts the quadratics of all lamps; `matrix` has a row for each term of the place.
+fn lamp_quadratics(matrix: &[Vec<f64>]) -> Vec<[[f64; PLACE_TERMS]; COEFFICIENTS]> {
+    // Our terms are 1, y, y^2, x, x y, x^2; theirs end with x, y and 1, and may have only the last one or three.
     const FROM_THE_LAST: [usize; PLACE_TERMS] = [0, 1, 3, 2, 4, 5];
     let term = |column: usize, from_the_last: usize| {
         matrix.len().checked_sub(from_the_last + 1).map_or(0.0, |row| matrix[row][column])
@@ -173,17 +173,17 @@ fn quadratics(matrix: &[Vec<f64>]) -> Vec<[[f64; PLACE_TERMS]; COEFFICIENTS]> {
     let of = |lamp: usize| {
         std::array::from_fn(|m| FROM_THE_LAST.map(|from_the_last| term(lamp * COEFFICIENTS + m, from_the_last)))
     };
-    (0..COUNT).map(of).collect()
+    (0..LAMP_COUNT).map(of).collect()
 }
 
-/// The share of each lamp in red, green and blue: neighbours in pairs, the pair nearest to the upper edge red, then clockwise
-/// green and blue, so that the composite shows colours from three sides as a sensor with coloured LEDs does.
-fn colors(azimuths: &[f64]) -> Vec<[f64; 3]> {
+/// Assigns the lamps to red, green and blue in pairs of neighbours: the pair nearest to the upper edge is red, then
+/// clockwise green and blue. So the composite shows colours from three sides, as a sensor with coloured LEDs does.
+fn lamp_colors(azimuths: &[f64]) -> Vec<[f64; 3]> {
     let mut order: Vec<usize> = (0..azimuths.len()).collect();
     order.sort_by(|a, b| azimuths[*a].total_cmp(&azimuths[*b]));
     let count = order.len();
     let upwards = |first: usize| {
-        // Largest where both lie towards the upper edge.
+        // Largest if both lie towards the upper edge, which is at -90 degrees.
         let pair = [order[first], order[(first + 1) % count]];
         pair.iter().map(|lamp| libm::cos(azimuths[*lamp] + FRAC_PI_2)).sum::<f64>()
     };
@@ -195,12 +195,13 @@ fn colors(azimuths: &[f64]) -> Vec<[f64; 3]> {
     colors
 }
 
-/// A fitted flat field and what it leaves.
-type Fitted = ([f64; FLAT_FIELD_TERMS], Left);
+/// A fitted flat field, and its residual.
+type FittedFlatField = ([f64; FLAT_FIELD_TERMS], FitResidual);
 
-/// The polynomials of the flat fields; why there are none, where the image is missing; or what is wrong with it, with help.
-fn fields(own: &FlatField, folder: &Path) -> Result<Result<Vec<Fitted>, String>, (String, String)> {
-    // Only a file beside the YAML.
+/// Fits polynomials to the flat fields. The inner error says why there are none if the image is missing; the outer one
+/// what is wrong with the image, and what to do.
+fn fit_flat_fields(own: &FlatField, folder: &Path) -> Result<Result<Vec<FittedFlatField>, String>, (String, String)> {
+    // Only a file next to the YAML is read, whatever path the YAML gives.
     let name = Path::new(&own.file).file_name().unwrap_or_default();
     let path = folder.join(name);
     let wrong = |reason: String| {
@@ -209,7 +210,7 @@ fn fields(own: &FlatField, folder: &Path) -> Result<Result<Vec<Fitted>, String>,
         );
         (format!("{}: {reason}", path.display()), help)
     };
-    let bytes = match input::read(&path, input::MOST_IMAGE_BYTES) {
+    let bytes = match input::read(&path, input::MAX_IMAGE_BYTES) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Err(format!("{} is missing", path.display()))),
         read => read.map_err(|error| wrong(error.to_string()))?,
     };
@@ -227,29 +228,30 @@ fn fields(own: &FlatField, folder: &Path) -> Result<Result<Vec<Fitted>, String>,
             f64::from(image.at(lamp % 3 * width + x, lamp / 3 * height + y)).max(DARKEST) / own.scale[lamp]
         };
         let mut aim = SVector::<f64, FLAT_FIELD_TERMS>::zeros();
-        each_place(own.tile_px, |x, y, terms| aim += *terms * tile(x, y));
-        // A millionth is far below a grey level.
+        for_each_pixel(own.tile_px, |x, y, terms| aim += *terms * tile(x, y));
+        // Rounded to a millionth, far below a grey level, to keep the sensor file short.
         let found = inverse.solve(&aim).map(|factor| libm::round(1e6 * factor) / 1e6);
         let (mut squares, mut most) = (0.0, 0.0_f64);
-        each_place(own.tile_px, |x, y, terms| {
+        for_each_pixel(own.tile_px, |x, y, terms| {
             let off = 255.0 * own.scale[lamp] * (found.dot(terms) - tile(x, y));
             squares += off * off;
             most = most.max(off.abs());
         });
         let rms = (squares / (width * height) as f64).sqrt();
-        (std::array::from_fn(|k| found[k]), Left { rms, most })
+        (std::array::from_fn(|k| found[k]), FitResidual { rms, most })
     };
-    Ok(Ok((0..COUNT).map(fit).collect()))
+    Ok(Ok((0..LAMP_COUNT).map(fit).collect()))
 }
 
+/// Sums up the normal equations of the polynomial over a tile.
 fn normal_equations(size: [usize; 2]) -> SMatrix<f64, FLAT_FIELD_TERMS, FLAT_FIELD_TERMS> {
     let mut normal = SMatrix::zeros();
-    each_place(size, |_, _, terms| normal += *terms * terms.transpose());
+    for_each_pixel(size, |_, _, terms| normal += *terms * terms.transpose());
     normal
 }
 
-/// The terms of fourth degree at every pixel.
-fn each_place(size: [usize; 2], mut work: impl FnMut(usize, usize, &SVector<f64, FLAT_FIELD_TERMS>)) {
+/// Calls `work` with the terms of fourth degree at every pixel.
+fn for_each_pixel(size: [usize; 2], mut work: impl FnMut(usize, usize, &SVector<f64, FLAT_FIELD_TERMS>)) {
     let powers = |at: usize, count: usize| {
         let v = (2.0 * at as f64 + 1.0) / count as f64 - 1.0;
         [1.0, v, v * v, v * v * v, v * v * v * v]
@@ -265,9 +267,9 @@ fn each_place(size: [usize; 2], mut work: impl FnMut(usize, usize, &SVector<f64,
     }
 }
 
-/// That the untouched pad is black or white in the middle of the view under every lamp, so that no press shows.
-pub fn darkness(lamps: &[Lamp]) -> Option<Diagnostic> {
-    // There the place is 0, and the normal points at the camera.
+/// Reports a pad that is black or white in the middle of the view under every lamp, so that no press would show.
+pub fn check_darkness(lamps: &[Lamp]) -> Option<Diagnostic> {
+    // In the middle the place is 0 and the normal points at the camera, so most terms vanish.
     let grey = |lamp: &Lamp| {
         let [.., nz_nz, _, _, nz, one] = lamp.quadratic.map(|polynomial| polynomial[0]);
         lamp.flat_field[0] * (nz_nz + nz + one)
@@ -279,8 +281,8 @@ pub fn darkness(lamps: &[Lamp]) -> Option<Diagnostic> {
     })
 }
 
-/// The tables of lamps as they stand at the end of a sensor file, a line for each polynomial.
-pub fn tables(lamps: &[Lamp]) -> String {
+/// Formats the tables of lamps for the end of a sensor file, a line per polynomial.
+pub fn format_lamp_tables(lamps: &[Lamp]) -> String {
     let list = |numbers: &[f64]| {
         let numbers: Vec<String> = numbers.iter().map(|number| format!("{number:?}")).collect();
         format!("[{}]", numbers.join(", "))
@@ -295,21 +297,21 @@ pub fn tables(lamps: &[Lamp]) -> String {
     text
 }
 
-/// The lines of a YAML file that have a key: at the margin, or below a key at the margin. Nothing else of YAML is needed here.
-struct Yaml<'a> {
-    lines: Vec<Line<'a>>,
+/// Lines of a YAML file with a key, at the margin or below a key at the margin. These files need no more of YAML.
+struct YamlLines<'a> {
+    lines: Vec<YamlLine<'a>>,
     problems: Diagnostics,
 }
 
-struct Line<'a> {
-    /// The key at the margin above it; empty for those at the margin.
+struct YamlLine<'a> {
+    /// Key at the margin above it; empty for keys at the margin.
     section: &'a str,
     key: &'a str,
     value: &'a str,
-    place: Place,
+    place: SourceSpan,
 }
 
-impl<'a> Yaml<'a> {
+impl<'a> YamlLines<'a> {
     fn new(text: &'a str) -> Self {
         let (mut lines, mut section, mut start) = (Vec::new(), "", 0);
         while start < text.len() {
@@ -320,7 +322,7 @@ impl<'a> Yaml<'a> {
             if let Some((key, _)) = content.split_once(':').filter(|_| !content.starts_with(['#', '-'])) {
                 let from = start + line.find(':').unwrap_or(0) + 1;
                 let mut to = end;
-                // A list may go on over the next lines.
+                // A list may continue on the next lines.
                 if text[from..end].trim_start().starts_with('[')
                     && let Some(close) = text[from..].find(']')
                     && from + close >= end
@@ -330,11 +332,11 @@ impl<'a> Yaml<'a> {
                 }
                 let inner = line.starts_with([' ', '\t']);
                 let first = start + line.len() - line.trim_start().len();
-                lines.push(Line {
+                lines.push(YamlLine {
                     section: if inner { section } else { "" },
                     key: key.trim_end(),
                     value: text[from..to].trim(),
-                    place: Place { source: 0, start: first, end: first + key.trim_end().len() },
+                    place: SourceSpan { source: 0, start: first, end: first + key.trim_end().len() },
                 });
                 if !inner {
                     section = key.trim_end();
@@ -349,13 +351,13 @@ impl<'a> Yaml<'a> {
         self.lines.iter().any(|line| line.section.is_empty() && line.key == section)
     }
 
-    /// The value of a key and where the key stands. A key that is missing is said at its section.
-    fn value(&mut self, section: &str, key: &str) -> Option<(&'a str, Place)> {
+    /// Returns the value of a key, and the key's place. A missing key is reported at its section.
+    fn find_value(&mut self, section: &str, key: &str) -> Option<(&'a str, SourceSpan)> {
         if let Some(line) = self.lines.iter().find(|line| line.section == section && line.key == key) {
             return Some((line.value, line.place));
         }
         let above = self.lines.iter().find(|line| line.section.is_empty() && line.key == section);
-        let place = above.map_or(Place { source: 0, start: 0, end: 0 }, |line| line.place);
+        let place = above.map_or(SourceSpan { source: 0, start: 0, end: 0 }, |line| line.place);
         let message = match section {
             "" => format!("missing key `{key}`"),
             section => format!("missing key `{key}` below `{section}`"),
@@ -363,27 +365,27 @@ impl<'a> Yaml<'a> {
         let help =
             "name the YAML file of a device with six lamps, as GelSight publishes them (gelsightinc/gssim, devices/)";
         let named = if section.is_empty() { format!("`{key}`") } else { format!("`{section}: {key}`") };
-        self.problems.push(Diagnostic::new(message).at(place).of(named, "keys are missing").help(help));
+        self.problems.push(Diagnostic::new(message).at(place).about(named, "keys are missing").help(help));
         None
     }
 
-    fn wrong(&mut self, place: Place, message: String, help: &str) {
+    fn report_problem(&mut self, place: SourceSpan, message: String, help: &str) {
         self.problems.push(Diagnostic::new(message).at(place).help(help));
     }
 
-    fn text(&mut self, section: &str, key: &str) -> Option<(String, Place)> {
-        let (value, place) = self.value(section, key)?;
+    fn read_text(&mut self, section: &str, key: &str) -> Option<(String, SourceSpan)> {
+        let (value, place) = self.find_value(section, key)?;
         let value = value.trim_matches(['"', '\'']);
         if value.is_empty() {
             let help = "write the name of the flat field's PNG, or remove the whole of `flatfield` to take it as even";
-            self.wrong(place, format!("`{key}` is empty"), help);
+            self.report_problem(place, format!("`{key}` is empty"), help);
             return None;
         }
         Some((value.to_owned(), place))
     }
 
-    fn number(&mut self, section: &str, key: &str, range: std::ops::RangeInclusive<f64>) -> Option<f64> {
-        let (value, place) = self.value(section, key)?;
+    fn read_number(&mut self, section: &str, key: &str, range: std::ops::RangeInclusive<f64>) -> Option<f64> {
+        let (value, place) = self.find_value(section, key)?;
         let read = value.parse().ok().filter(|number| range.contains(number));
         if read.is_none() {
             let allowed = if range.start() == range.end() {
@@ -391,20 +393,20 @@ impl<'a> Yaml<'a> {
             } else {
                 format!("allowed: {} to {}", range.start(), range.end())
             };
-            self.wrong(place, format!("`{key}` is {value}"), &allowed);
+            self.report_problem(place, format!("`{key}` is {value}"), &allowed);
         }
         read
     }
 
-    /// A list of numbers in brackets of any kind.
-    fn list(
+    /// Reads a list of numbers in brackets of any kind.
+    fn read_list(
         &mut self,
         section: &str,
         key: &str,
         count: usize,
         range: std::ops::RangeInclusive<f64>,
     ) -> Option<Vec<f64>> {
-        let (value, place) = self.value(section, key)?;
+        let (value, place) = self.find_value(section, key)?;
         let inner = value.trim_start_matches(['[', '(']).trim_end_matches([']', ')']);
         let texts: Vec<&str> = inner.split(',').map(str::trim).filter(|text| !text.is_empty()).collect();
         let mut numbers = Vec::new();
@@ -413,37 +415,37 @@ impl<'a> Yaml<'a> {
                 Ok(number) if range.contains(&number) => numbers.push(number),
                 _ => {
                     let allowed = format!("allowed: numbers from {} to {}", range.start(), range.end());
-                    self.wrong(place, format!("`{key}` holds {text}"), &allowed);
+                    self.report_problem(place, format!("`{key}` holds {text}"), &allowed);
                     return None;
                 }
             }
         }
         if numbers.len() != count {
             let help = format!("write {count} numbers, as the file of GelSight has them");
-            self.wrong(place, format!("`{key}` holds {} numbers", numbers.len()), &help);
+            self.report_problem(place, format!("`{key}` holds {} numbers", numbers.len()), &help);
             return None;
         }
         Some(numbers)
     }
 
-    /// The rows of a matrix with this many columns, one for each term of the place.
-    fn matrix(&mut self, section: &str, columns: usize) -> Option<Vec<Vec<f64>>> {
-        let rows = self.number(section, "rows", 1.0..=PLACE_TERMS as f64);
-        let found = self.number(section, "cols", 1.0..=1e3);
+    /// Reads the rows of a matrix with this many columns, a row for each term of the place.
+    fn read_matrix(&mut self, section: &str, columns: usize) -> Option<Vec<Vec<f64>>> {
+        let rows = self.read_number(section, "rows", 1.0..=PLACE_TERMS as f64);
+        let found = self.read_number(section, "cols", 1.0..=1e3);
         let (rows, found) = (rows? as usize, found? as usize);
-        let (_, place) = self.value(section, "rows")?;
+        let (_, place) = self.find_value(section, "rows")?;
         if ![1, 3, PLACE_TERMS].contains(&rows) {
             let help = "only polynomials in the place up to the second degree are known: 1, 3 or 6 rows";
-            self.wrong(place, format!("`{section}` has {rows} rows"), help);
+            self.report_problem(place, format!("`{section}` has {rows} rows"), help);
             return None;
         }
         if found != columns {
-            let (_, place) = self.value(section, "cols")?;
-            let help = format!("only {} columns for each of {COUNT} lamps are known", columns / COUNT);
-            self.wrong(place, format!("`{section}` has {found} columns"), &help);
+            let (_, place) = self.find_value(section, "cols")?;
+            let help = format!("only {} columns for each of {LAMP_COUNT} lamps are known", columns / LAMP_COUNT);
+            self.report_problem(place, format!("`{section}` has {found} columns"), &help);
             return None;
         }
-        let values = self.list(section, "values", rows * columns, -100.0..=100.0)?;
+        let values = self.read_list(section, "values", rows * columns, -100.0..=100.0)?;
         Some(values.chunks_exact(columns).map(<[f64]>::to_vec).collect())
     }
 }

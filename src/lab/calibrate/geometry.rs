@@ -1,8 +1,9 @@
-//! The pad under a ball whose contact has a given radius: what an annotated circle says of the surface.
+//! Computes the pad's surface under a ball from the radius of its contact: what an annotated circle says about the
+//! surface.
 //!
-//! The contact radius of a ball on a bonded layer grows with depth; it is tabulated by pressing the ball into the
-//! project's own elastic pad at rising depths, and inverted. It is far smaller than the overlap of ball and pad, so that
-//! R - sqrt(R^2 - a^2) would be no depth.
+//! The contact radius of a ball on a bonded layer grows with depth. It is tabulated by pressing the ball into gelsim's
+//! own elastic pad at increasing depths, and the table is inverted. The contact is far smaller than the intersection of
+//! ball and pad, so R - sqrt(R^2 - a^2) would not be the depth.
 
 use rayon::prelude::*;
 
@@ -14,66 +15,67 @@ use gelsim_core::gelpad::elastic::Elastic;
 use gelsim_core::gelpad::material::Material;
 use gelsim_core::gelpad::{self, Contact, Pad};
 
-/// Depths at which the contact of a ball is measured: each so many times the one before.
-const STEP: f64 = 1.2;
-/// The shallowest, in ball radii.
+/// Ratio of the depths at which the contact of a ball is measured.
+const DEPTH_STEP: f64 = 1.2;
+/// Shallowest depth, in ball radii.
 const SHALLOWEST: f64 = 0.004;
-/// Pixels of a ball's radius where its contact is measured.
+/// Radius of a ball in pixels where its contact is measured.
 const RADIUS_PX: f64 = 60.0;
-/// Fraction of its radius beyond which a ball touches along its equator, more or less.
+/// Contact radius, in ball radii, from which on a ball touches almost up to its equator: the table ends there.
 const WIDEST: f64 = 0.97;
 
 /// Presses balls of one size into one pad.
 pub struct Ball {
     radius_mm: f64,
     thickness_mm: f64,
-    /// Contact radius and depth, mm, both rising from 0.
-    table: Vec<[f64; 2]>,
+    /// Contact radius and depth, mm, both increasing from 0.
+    contact_depths: Vec<[f64; 2]>,
 }
 
 impl Ball {
-    /// Measures how the contact of a ball grows in a pad of this material.
+    /// Measures how the contact of a ball grows with depth in a pad of this material.
     pub fn new(radius_mm: f64, material: &Material) -> Self {
-        let pitch = radius_mm / RADIUS_PX;
+        let mm_per_px = radius_mm / RADIUS_PX;
         let size = (2.0 * RADIUS_PX) as usize + 8;
-        let camera = View { resolution_px: [size; 2], mm_per_px: [pitch; 2] };
+        let camera = View { resolution_px: [size; 2], mm_per_px: [mm_per_px; 2] };
         let full = Elastic { resolution: Resolution::Full, ..Elastic::default() };
         let pad = Pad::new(&gelpad::Model::Elastic(full), material, &camera);
-        let mut ball = Self { radius_mm, thickness_mm: material.thickness_mm, table: vec![[0.0; 2]] };
+        let mut ball = Self { radius_mm, thickness_mm: material.thickness_mm, contact_depths: vec![[0.0; 2]] };
         let centre = [0.5 * (size as f64 - 1.0); 2];
         let mut depth_mm = SHALLOWEST * radius_mm;
         while depth_mm < 0.98 * ball.thickness_mm {
             let contact = ball.press(&pad, &camera, centre, depth_mm);
             let touching = contact.mask.data.iter().filter(|mask| **mask > 0).count();
-            let contact_mm = pitch * libm::sqrt(touching as f64 / std::f64::consts::PI);
-            if ball.table.last().is_none_or(|[last, _]| *last < contact_mm) {
-                ball.table.push([contact_mm, depth_mm]);
+            let contact_mm = mm_per_px * libm::sqrt(touching as f64 / std::f64::consts::PI);
+            if ball.contact_depths.last().is_none_or(|[last, _]| *last < contact_mm) {
+                ball.contact_depths.push([contact_mm, depth_mm]);
             }
             if contact_mm > WIDEST * radius_mm {
                 break;
             }
-            depth_mm *= STEP;
+            depth_mm *= DEPTH_STEP;
         }
         ball
     }
 
-    /// Depth of the press whose contact has this radius, mm; `None` if no press in this pad has one as large.
+    /// Returns the depth of the press whose contact has this radius, mm; `None` if no press in this pad has a contact
+    /// as large.
     pub fn depth_mm(&self, contact_mm: f64) -> Option<f64> {
-        let above = self.table.iter().position(|[radius, _]| *radius >= contact_mm)?;
-        let [[a0, d0], [a1, d1]] = [self.table[above.saturating_sub(1)], self.table[above]];
-        // Depth grows with the square of the radius, or nearly so.
+        let above = self.contact_depths.iter().position(|[radius, _]| *radius >= contact_mm)?;
+        let [[a0, d0], [a1, d1]] = [self.contact_depths[above.saturating_sub(1)], self.contact_depths[above]];
+        // The depth is nearly proportional to the square of the radius.
         let fraction = if a1 > a0 { (contact_mm * contact_mm - a0 * a0) / (a1 * a1 - a0 * a0) } else { 1.0 };
         Some(d0 + fraction * (d1 - d0))
     }
 
-    /// Depth of the deepest press that was measured, mm.
+    /// Depth of the deepest press in the table, mm.
     pub fn deepest_mm(&self) -> f64 {
-        self.table.last().map_or(0.0, |[_, depth]| *depth)
+        self.contact_depths.last().map_or(0.0, |[_, depth]| *depth)
     }
 
-    /// The pad under the ball. `centre_px` counts from the centre of the top left pixel.
+    /// Presses the ball into a pad. `centre_px` counts from the centre of the top left pixel.
     pub fn press(&self, pad: &Pad, camera: &View, centre_px: [f64; 2], depth_mm: f64) -> Contact {
-        let window = pad.window(depth_mm);
+        let window = pad.capture_window(depth_mm);
         let margin = window.margin_px;
         let [width, height] = camera.resolution_px.map(|size| size + 2 * margin);
         let mut penetration = Grid::new(width, height);
@@ -94,11 +96,11 @@ impl Ball {
     }
 }
 
-/// Balls of several sizes and one pad.
+/// Balls of several sizes for one pad.
 pub struct Balls(Vec<Ball>);
 
 impl Balls {
-    /// For every size that occurs.
+    /// Measures a ball of every size that occurs.
     pub fn new(radii_mm: impl Iterator<Item = f64>, material: &Material) -> Self {
         let mut radii: Vec<f64> = radii_mm.collect();
         radii.sort_by(f64::total_cmp);
@@ -106,7 +108,7 @@ impl Balls {
         Self(radii.par_iter().map(|radius| Ball::new(*radius, material)).collect())
     }
 
-    /// The one of this size, which occurs.
+    /// Returns the ball of this size, which must occur.
     pub fn of_radius(&self, radius_mm: f64) -> &Ball {
         &self.0[self.0.partition_point(|ball| ball.radius_mm < radius_mm)]
     }

@@ -1,59 +1,61 @@
-//! The LEDs that explain presses of a ball best: direction, colour and strength of each, and the stray light.
+//! Fits the LEDs that explain presses of a ball best: direction, colour and strength of each, and the stray light.
 //!
-//! The model is that of the optics model `phong` with `stray_light` s: a channel c changes by
-//! (background_c - s_c) times the sum over the LEDs of a_lc (reflected(N, l) - reflected(flat, l)). For given directions it is
-//! linear in the a and quadratic in s, so that both follow from sums over the pixels; the directions are searched for.
+//! The model is that of the optics model `phong` with `stray_light` s: a channel c changes by (background_c - s_c)
+//! times the sum over the LEDs of a_lc (reflected(N, l) - reflected(flat, l)). For given directions it is linear in the
+//! strengths a and quadratic in s, so that both follow from sums over the pixels. The directions are searched for.
 
 use nalgebra::{SMatrix, SVector};
 
-use super::pixels::Pixels;
+use super::pixels::PixelSamples;
 use crate::metrics::statistics::median;
-use gelsim_core::optics::calibrated::beyond::Beyond;
-use gelsim_core::optics::led::{Led, Normals, PlacedLed, Row};
-use gelsim_core::optics::phong::{Phong, reflect};
+use gelsim_core::optics::calibrated::extrapolation::CalibrationExtrapolation;
+use gelsim_core::optics::led::{Led, Normals, PlacedLed, RowPositions};
+use gelsim_core::optics::phong::{Phong, reflect_row};
 
-/// How many LEDs are fitted: one for each colour.
-const LEDS: usize = 3;
-/// Pixels that are looked at.
-const MOST_PIXELS: usize = 12_000;
-/// Elevations that are tried, degrees.
+/// Number of LEDs that are fitted: one for each colour.
+const LED_COUNT: usize = 3;
+/// Largest number of pixels that are used.
+const MAX_PIXELS: usize = 12_000;
+/// Range of the elevations that are tried, degrees.
 const ELEVATIONS_DEG: [f64; 2] = [5.0, 80.0];
-/// Steps of the search, degrees.
+/// Step sizes of the search, degrees.
 const STEPS_DEG: [f64; 7] = [40.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5];
-/// Most of the dark end of the background that may be stray light.
-const MOST_STRAY: f64 = 0.9;
+/// Largest stray light, as a fraction of the dark end of the background.
+const MAX_STRAY: f64 = 0.9;
 
-/// A stronger LED explains nothing: what it is fitted to has no slopes. Real sensors: 0.9 to 6.0. A sensor file may hold 100, of
-/// which units of a sensor may differ by half.
-pub const MOST_INTENSITY: f64 = 30.0;
-/// Largest share per mm that a table may hold.
-const MOST_PER_MM: f64 = 1000.0;
+/// Largest intensity. A stronger LED explains nothing: it was fitted to pixels without slopes. Real sensors: 0.9 to
+/// 6.0. A sensor file may hold 100, and units of a sensor may differ from it by half.
+pub const MAX_INTENSITY: f64 = 30.0;
+/// Largest change with the displacement that a table may hold, as a fraction per mm.
+const MAX_PER_MM: f64 = 1000.0;
 
 /// LEDs that were fitted to presses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedLeds {
-    /// The LEDs, the reddest first.
+    /// The LEDs: red, green, blue.
     pub leds: Vec<Led>,
     /// See [`gelsim_files::sensor::Sensor::stray_light`].
     pub stray_light: [f64; 3],
-    /// Change of each channel with the displacement that they leave unexplained, as a share of the background per mm.
+    /// Change of each channel with the displacement that the LEDs do not explain, as a fraction of the background per
+    /// mm.
     pub per_mm: [f64; 3],
-    /// Root of the mean square of what the LEDs leave unexplained, as a fraction of full scale.
+    /// Root mean square of what the LEDs do not explain, as a fraction of full scale.
     pub rms: f64,
 }
 
 impl FittedLeds {
-    /// Mean absolute errors on pixels that are not black or white, grey levels: of these LEDs, of no change at all, and of the
-    /// best constant change.
-    pub fn errors(&self, pixels: &Pixels) -> [f64; 3] {
+    /// Computes mean absolute errors on pixels that are neither black nor white, grey levels: of these LEDs, of no
+    /// change at all, and of the best constant change.
+    pub fn mean_errors(&self, pixels: &PixelSamples) -> [f64; 3] {
         let all: Vec<usize> = (0..pixels.len()).collect();
-        let normals = normals(pixels, &all);
+        let normals = sample_normals(pixels, &all);
         let lit: Vec<Vec<f64>> =
-            self.leds.iter().map(|led| changes([led.azimuth_deg, led.elevation_deg], &normals)).collect();
+            self.leds.iter().map(|led| led_changes([led.azimuth_deg, led.elevation_deg], &normals)).collect();
         let (mut sums, mut count) = ([0.0; 3], 0.0);
         for channel in 0..3 {
             let shown: Vec<usize> = all.iter().copied().filter(|k| pixels.clipped[*k][channel] == 0.0).collect();
             let change = |k: usize| f64::from(pixels.change[k][channel]);
+            // The constant with the least mean absolute error is the median.
             let middle = median(&shown.iter().map(|k| change(*k)).collect::<Vec<_>>()).unwrap_or(0.0);
             for k in shown {
                 let light: f64 =
@@ -68,81 +70,84 @@ impl FittedLeds {
         sums.map(|sum| 255.0 * sum / f64::max(count, 1.0))
     }
 
-    /// The same within what a sensor file may hold.
-    fn limited(mut self) -> Self {
-        self.leds.iter_mut().for_each(|led| led.intensity = led.intensity.min(MOST_INTENSITY));
-        self.per_mm = self.per_mm.map(|share| share.clamp(-MOST_PER_MM, MOST_PER_MM));
+    /// Returns the fit with values cut to what a sensor file may hold.
+    fn clamp_to_limits(mut self) -> Self {
+        self.leds.iter_mut().for_each(|led| led.intensity = led.intensity.min(MAX_INTENSITY));
+        self.per_mm = self.per_mm.map(|share| share.clamp(-MAX_PER_MM, MAX_PER_MM));
         self
     }
 
-    /// What light follows them beyond the presses.
-    pub fn beyond(&self) -> Beyond {
-        Beyond { leds: self.leds.clone(), stray_light: self.stray_light, per_mm: self.per_mm }
+    /// Returns what the calibrated optics follow outside the range of the presses.
+    pub fn extrapolation(&self) -> CalibrationExtrapolation {
+        CalibrationExtrapolation { leds: self.leds.clone(), stray_light: self.stray_light, per_mm: self.per_mm }
     }
 }
 
 /// Azimuth and elevation of each LED, degrees.
-type Directions = [[f64; 2]; LEDS];
+type Directions = [[f64; 2]; LED_COUNT];
 
-/// What one channel says, for given directions: sums over pixels of products of the features, of which the first are the
-/// reflected light times the background and the others the reflected light.
+/// Sums over pixels for one channel and given directions: products of the features. The first features are the
+/// reflected light times the background, the others the reflected light.
 #[derive(Clone, Copy, Default)]
-struct Sums {
-    products: SMatrix<f64, { 2 * LEDS }, { 2 * LEDS }>,
-    with_change: SVector<f64, { 2 * LEDS }>,
+struct ChannelSums {
+    products: SMatrix<f64, { 2 * LED_COUNT }, { 2 * LED_COUNT }>,
+    with_change: SVector<f64, { 2 * LED_COUNT }>,
     change_squared: f64,
     count: f64,
 }
 
 /// Fits three LEDs. `None` without pixels.
-pub fn fit_leds<'a>(pixels: impl IntoIterator<Item = &'a Pixels>) -> Option<FittedLeds> {
-    let mut all = Pixels::default();
+pub fn fit_leds<'a>(pixels: impl IntoIterator<Item = &'a PixelSamples>) -> Option<FittedLeds> {
+    let mut all = PixelSamples::default();
     pixels.into_iter().for_each(|pixels| all.append(pixels));
     if all.is_empty() {
         return None;
     }
-    let sample: Vec<usize> = (0..all.len()).step_by(all.len().div_ceil(MOST_PIXELS)).collect();
+    let sample: Vec<usize> = (0..all.len()).step_by(all.len().div_ceil(MAX_PIXELS)).collect();
+    // The 2nd percentile, so that a few black pixels do not decide how much stray light there may be.
     let darkest = [0, 1, 2].map(|channel| {
         let mut levels: Vec<f64> = sample.iter().map(|k| f64::from(all.background[*k][channel])).collect();
         levels.sort_by(f64::total_cmp);
         levels[levels.len() / 50]
     });
-    let normals = normals(&all, &sample);
-    let sums = |directions: &Directions| sums(&all, &sample, &normals, directions);
-    let error = |directions: &Directions| fitted(&sums(directions), darkest).0;
+    let normals = sample_normals(&all, &sample);
+    let sums = |directions: &Directions| channel_sums(&all, &sample, &normals, directions);
+    let error = |directions: &Directions| fit_strengths(&sums(directions), darkest).0;
+    // The search finds local minima: it starts from three LEDs evenly spaced, at four turns.
     let starts = [0.0, 30.0, 60.0, 90.0].map(|turn| [0.0, 120.0, 240.0].map(|azimuth| [azimuth + turn, 30.0]));
-    let found = starts.map(|start| descended(start, &error));
+    let found = starts.map(|start| descend_directions(start, &error));
     let (_, directions) = found.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
     let sums = sums(&directions);
-    let (left, channels) = fitted(&sums, darkest);
+    let (left, channels) = fit_strengths(&sums, darkest);
     let count: f64 = sums.iter().map(|sums| sums.count).sum();
-    let stray_light = channels.map(|(stray, _)| rounded(stray));
-    let leds = by_color(channels.map(|(_, strengths)| strengths)).zip(["red", "green", "blue"]).map(|(l, name)| {
-        let strengths = channels.map(|(_, strengths)| strengths[l]);
-        let intensity = strengths.into_iter().fold(0.0, f64::max);
-        Led {
-            name: String::from(name),
-            azimuth_deg: directions[l][0].rem_euclid(360.0),
-            elevation_deg: directions[l][1],
-            color: strengths.map(|strength| if intensity > 0.0 { rounded(strength / intensity) } else { 0.0 }),
-            intensity: rounded(intensity),
-            ..Led::default()
-        }
-    });
-    let per_mm = per_mm(&all, &sample, &normals, &directions, channels);
+    let stray_light = channels.map(|(stray, _)| round_fitted(stray));
+    let leds =
+        order_by_color(channels.map(|(_, strengths)| strengths)).zip(["red", "green", "blue"]).map(|(l, name)| {
+            let strengths = channels.map(|(_, strengths)| strengths[l]);
+            let intensity = strengths.into_iter().fold(0.0, f64::max);
+            Led {
+                name: String::from(name),
+                azimuth_deg: directions[l][0].rem_euclid(360.0),
+                elevation_deg: directions[l][1],
+                color: strengths.map(|strength| if intensity > 0.0 { round_fitted(strength / intensity) } else { 0.0 }),
+                intensity: round_fitted(intensity),
+                ..Led::default()
+            }
+        });
+    let per_mm = fit_per_mm(&all, &sample, &normals, &directions, channels);
     let found = FittedLeds { leds: leds.collect(), stray_light, per_mm, rms: (left / count.max(1.0)).sqrt() };
-    Some(found.limited())
+    Some(found.clamp_to_limits())
 }
 
-/// How the rest that the LEDs leave grows with the displacement, by least squares.
-fn per_mm(
-    pixels: &Pixels,
+/// Fits how the change that the LEDs do not explain grows with the displacement, by least squares.
+fn fit_per_mm(
+    pixels: &PixelSamples,
     sample: &[usize],
     normals: &Normals,
     directions: &Directions,
-    channels: [(f64, [f64; LEDS]); 3],
+    channels: [(f64, [f64; LED_COUNT]); 3],
 ) -> [f64; 3] {
-    let changes = directions.map(|direction| changes(direction, normals));
+    let changes = directions.map(|direction| led_changes(direction, normals));
     let (mut products, mut squares) = ([0.0; 3], [0.0; 3]);
     for (number, &k) in sample.iter().enumerate() {
         let height_mm = f64::from(pixels.inputs[k][0]);
@@ -157,29 +162,30 @@ fn per_mm(
             squares[channel] += (rest * height_mm) * (rest * height_mm);
         }
     }
-    std::array::from_fn(|channel| rounded(products[channel] / squares[channel].max(1e-9)))
+    std::array::from_fn(|channel| round_fitted(products[channel] / squares[channel].max(1e-9)))
 }
 
-/// Which LED is the red one, which the green and which the blue: as gives the largest sum of the strengths in their colours.
-fn by_color(strengths: [[f64; LEDS]; 3]) -> impl Iterator<Item = usize> {
-    const ORDERS: [[usize; LEDS]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-    let sum = |order: &[usize; LEDS]| (0..3).map(|channel| strengths[channel][order[channel]]).sum::<f64>();
+/// Returns which LED is the red, which the green and which the blue one: the order with the largest sum of the
+/// strengths in those colours.
+fn order_by_color(strengths: [[f64; LED_COUNT]; 3]) -> impl Iterator<Item = usize> {
+    const ORDERS: [[usize; LED_COUNT]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    let sum = |order: &[usize; LED_COUNT]| (0..3).map(|channel| strengths[channel][order[channel]]).sum::<f64>();
     ORDERS.into_iter().max_by(|a, b| sum(a).total_cmp(&sum(b))).into_iter().flatten()
 }
 
-/// To what a fit knows.
-fn rounded(value: f64) -> f64 {
+/// Rounds to three decimals: a fit knows no more.
+fn round_fitted(value: f64) -> f64 {
     (1e3 * value).round() / 1e3
 }
 
-/// Moves one angle at a time by ever smaller steps, as long as the error falls.
-fn descended(start: Directions, error: &impl Fn(&Directions) -> f64) -> (f64, Directions) {
+/// Minimises the error over the directions, one angle at a time by ever smaller steps. Returns the error, too.
+fn descend_directions(start: Directions, error: &impl Fn(&Directions) -> f64) -> (f64, Directions) {
     let (mut best, mut least) = (start, error(&start));
     for step in STEPS_DEG {
         let mut moved = true;
         while moved {
             moved = false;
-            for (led, angle) in (0..LEDS).flat_map(|led| [(led, 0), (led, 1)]) {
+            for (led, angle) in (0..LED_COUNT).flat_map(|led| [(led, 0), (led, 1)]) {
                 for by in [-step, step] {
                     let mut tried = best;
                     tried[led][angle] += by;
@@ -187,6 +193,7 @@ fn descended(start: Directions, error: &impl Fn(&Directions) -> f64) -> (f64, Di
                         tried[led][1] = tried[led][1].clamp(ELEVATIONS_DEG[0], ELEVATIONS_DEG[1]);
                     }
                     let now = error(&tried);
+                    // Not just any decrease: rounding errors could make the search go round for ever.
                     if now < least * (1.0 - 1e-6) {
                         (best, least, moved) = (tried, now, true);
                     }
@@ -197,27 +204,34 @@ fn descended(start: Directions, error: &impl Fn(&Directions) -> f64) -> (f64, Di
     (least, best)
 }
 
-/// The normals of a sample of the pixels, and a flat pad's after them.
-fn normals(pixels: &Pixels, sample: &[usize]) -> Normals {
+/// Returns the normals of a sample of the pixels, followed by that of a flat pad.
+fn sample_normals(pixels: &PixelSamples, sample: &[usize]) -> Normals {
     let mut normals = Normals::default();
     sample.iter().for_each(|k| normals.push(pixels.normals[*k]));
     normals.push([0.0; 2]);
     normals
 }
 
-/// What an LED in this direction gives at each normal beyond what it gives at the last one, which is a flat pad's.
-fn changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec<f64> {
+/// Computes what an LED of strength 1 in this direction reflects at each normal, less what it reflects at the last one,
+/// which is a flat pad's.
+fn led_changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec<f64> {
     let led = PlacedLed::new(&Led { azimuth_deg, elevation_deg, ..Led::default() }, false);
     let mut gain = vec![0.0; normals.x.len()];
-    reflect(&Phong::default(), &led, normals, Row::default(), &mut gain);
+    reflect_row(&Phong::default(), &led, normals, RowPositions::default(), &mut gain);
     let flat = gain.last().copied().unwrap_or_default();
     gain.into_iter().map(|gain| f64::from(gain) - f64::from(flat)).collect()
 }
 
-/// The sums of each channel.
-fn sums(pixels: &Pixels, sample: &[usize], normals: &Normals, directions: &Directions) -> [Sums; 3] {
-    let changes = directions.map(|direction| changes(direction, normals));
-    let mut all = [Sums::default(); 3];
+/// Computes the sums of each channel over a sample of the pixels. Clipped pixels are left out: their change is not
+/// known.
+fn channel_sums(
+    pixels: &PixelSamples,
+    sample: &[usize],
+    normals: &Normals,
+    directions: &Directions,
+) -> [ChannelSums; 3] {
+    let changes = directions.map(|direction| led_changes(direction, normals));
+    let mut all = [ChannelSums::default(); 3];
     for (number, &k) in sample.iter().enumerate() {
         let changes = changes.each_ref().map(|of_led| of_led[number]);
         for (channel, sums) in all.iter_mut().enumerate() {
@@ -225,8 +239,9 @@ fn sums(pixels: &Pixels, sample: &[usize], normals: &Normals, directions: &Direc
                 continue;
             }
             let (rest, change) = (f64::from(pixels.background[k][channel]), f64::from(pixels.change[k][channel]));
-            let features =
-                SVector::<f64, { 2 * LEDS }>::from_fn(|i, _| if i < LEDS { rest } else { 1.0 } * changes[i % LEDS]);
+            let features = SVector::<f64, { 2 * LED_COUNT }>::from_fn(
+                |i, _| if i < LED_COUNT { rest } else { 1.0 } * changes[i % LED_COUNT],
+            );
             sums.products += features * features.transpose();
             sums.with_change += features * change;
             sums.change_squared += change * change;
@@ -236,13 +251,14 @@ fn sums(pixels: &Pixels, sample: &[usize], normals: &Normals, directions: &Direc
     all
 }
 
-/// For each channel the stray light and strengths that leave least, and what all of them leave.
-fn fitted(sums: &[Sums; 3], darkest: [f64; 3]) -> (f64, [(f64, [f64; LEDS]); 3]) {
+/// Finds for each channel the stray light and the strengths with the least error. Returns the sum of squared errors,
+/// too.
+fn fit_strengths(sums: &[ChannelSums; 3], darkest: [f64; 3]) -> (f64, [(f64, [f64; LED_COUNT]); 3]) {
     let mut left = 0.0;
     let channels = std::array::from_fn(|channel| {
-        let tried = (0..=20).map(|k| f64::from(k) / 20.0 * MOST_STRAY * darkest[channel]);
+        let tried = (0..=20).map(|k| f64::from(k) / 20.0 * MAX_STRAY * darkest[channel]);
         let found = tried.map(|stray| {
-            let (left, strengths) = sums[channel].strengths(stray);
+            let (left, strengths) = sums[channel].solve_strengths(stray);
             (left, stray, strengths)
         });
         let least = found.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
@@ -252,18 +268,21 @@ fn fitted(sums: &[Sums; 3], darkest: [f64; 3]) -> (f64, [(f64, [f64; LEDS]); 3])
     (left, channels)
 }
 
-impl Sums {
-    /// Strengths, none below 0, that leave least; and how much, as a sum of squares.
-    fn strengths(&self, stray: f64) -> (f64, [f64; LEDS]) {
-        let part = |i: usize, j: usize| self.products.fixed_view::<LEDS, LEDS>(i * LEDS, j * LEDS).into_owned();
+impl ChannelSums {
+    /// Finds the strengths, none negative, with the least error. Returns the sum of squared errors, too.
+    fn solve_strengths(&self, stray: f64) -> (f64, [f64; LED_COUNT]) {
+        let part = |i: usize, j: usize| {
+            self.products.fixed_view::<LED_COUNT, LED_COUNT>(i * LED_COUNT, j * LED_COUNT).into_owned()
+        };
         let matrix = part(0, 0) - (part(0, 1) + part(1, 0)) * stray + part(1, 1) * (stray * stray);
-        let vector = self.with_change.fixed_rows::<LEDS>(0) - self.with_change.fixed_rows::<LEDS>(LEDS) * stray;
-        let mut best = (self.change_squared, [0.0; LEDS]);
-        // So few that every choice of those above 0 is tried.
-        for shining in 1_usize..1 << LEDS {
+        let vector =
+            self.with_change.fixed_rows::<LED_COUNT>(0) - self.with_change.fixed_rows::<LED_COUNT>(LED_COUNT) * stray;
+        let mut best = (self.change_squared, [0.0; LED_COUNT]);
+        // Least squares with non-negative strengths. There are so few LEDs that every choice of those above 0 is tried.
+        for shining in 1_usize..1 << LED_COUNT {
             let mut reduced = matrix;
             let mut aim = vector;
-            for l in (0..LEDS).filter(|l| shining & (1 << l) == 0) {
+            for l in (0..LED_COUNT).filter(|l| shining & (1 << l) == 0) {
                 reduced.row_mut(l).fill(0.0);
                 reduced.column_mut(l).fill(0.0);
                 reduced[(l, l)] = 1.0;
@@ -286,7 +305,7 @@ impl Sums {
 mod tests {
     use super::*;
     use gelsim_core::base::angle::sin_cos_deg;
-    use gelsim_core::base::rng::stream;
+    use gelsim_core::base::rng::random_stream;
 
     #[test]
     fn leds_that_made_the_pixels_are_found() {
@@ -294,15 +313,15 @@ mod tests {
         let strengths = [[2.5, 0.3, 0.0], [0.0, 1.9, 0.2], [0.1, 0.4, 3.1]];
         let stray = [0.05, 0.2, 0.1];
         let per_mm = [0.0, -0.02, 0.03];
-        let mut random = stream(3, "calibration", 0);
-        let mut pixels = Pixels::default();
+        let mut random = random_stream(3, "calibration", 0);
+        let mut pixels = PixelSamples::default();
         for _ in 0..4000 {
-            let (slope, azimuth) = (0.7 * random.unit(), 360.0 * random.unit());
+            let (slope, azimuth) = (0.7 * random.uniform(), 360.0 * random.uniform());
             let (sin, cos) = sin_cos_deg(azimuth);
             let normal = [(slope * cos) as f32, (slope * sin) as f32];
-            let rest = [0.3, 0.4, 0.35].map(|level: f64| (level + 0.1 * (random.unit() - 0.5)) as f32);
-            let height_mm = random.unit() - 0.5;
-            let one = Pixels {
+            let rest = [0.3, 0.4, 0.35].map(|level: f64| (level + 0.1 * (random.uniform() - 0.5)) as f32);
+            let height_mm = random.uniform() - 0.5;
+            let one = PixelSamples {
                 normals: vec![normal],
                 inputs: vec![std::array::from_fn(|k| if k == 0 { height_mm as f32 } else { 0.0 })],
                 change: vec![[1.0; 3]],
@@ -310,10 +329,10 @@ mod tests {
                 background: vec![[1.0; 3]],
             };
             // Of a white background the features are the reflected light itself.
-            let light = sums(&one, &[0], &super::normals(&one, &[0]), &truth)[0].with_change;
-            pixels.append(&Pixels {
+            let light = channel_sums(&one, &[0], &super::sample_normals(&one, &[0]), &truth)[0].with_change;
+            pixels.append(&PixelSamples {
                 change: vec![std::array::from_fn(|c| {
-                    let added: f64 = (0..LEDS).map(|l| strengths[l][c] * light[l]).sum();
+                    let added: f64 = (0..LED_COUNT).map(|l| strengths[l][c] * light[l]).sum();
                     (added * (f64::from(rest[c]) - stray[c]) + per_mm[c] * f64::from(rest[c]) * height_mm) as f32
                 })],
                 background: vec![rest],
@@ -335,7 +354,7 @@ mod tests {
     #[test]
     fn pads_that_nothing_changed_have_dark_leds_and_no_pixels_none() {
         assert_eq!(fit_leds([]), None);
-        let flat = Pixels {
+        let flat = PixelSamples {
             normals: vec![[0.0; 2]; 9],
             inputs: vec![Default::default(); 9],
             change: vec![[0.0; 3]; 9],

@@ -1,128 +1,130 @@
-//! The steps of a calibration, from presses to a table.
+//! Runs the steps of a calibration, from presses to a table.
 
 use image::{Rgb, RgbImage};
 use rayon::prelude::*;
 
-use super::camera::{MeasuredCamera, measure};
-use super::choose::{self, choose};
-use super::judge::fit::{Verdict, guesses};
+use super::camera::{MeasuredCamera, measure_camera};
+use super::choose::{self, choose_geometry};
+use super::judge::fit::{FitVerdict, guess_errors};
 use super::leds::{FittedLeds, fit_leds};
 use super::outliers::{OutlierReason, outlier_reasons};
-use super::pixels::{DILATE, Pixels};
-use super::progress::{Heard, Work};
-use super::train::Settings;
+use super::pixels::{ERROR_REACH, PixelSamples};
+use super::progress::{ProgressCallback, ProgressMeter};
+use super::train::TrainingSettings;
 use super::validate::{self, HeldOut, cross_validate};
-use super::{Geometry, Observation, Session, Surfaces, fit, table};
-use crate::compare::score::{Score, score};
+use super::{Geometry, Observation, PressSurfaces, Session, build_table, fit_response};
+use crate::compare::score::{Score, score_images};
 use gelsim_core::base::grid::Resolution;
 use gelsim_core::gelpad::Model;
 use gelsim_core::gelpad::elastic::Elastic;
-use gelsim_core::optics::calibrated::response::{Response, SECTORS};
-use gelsim_core::optics::calibrated::{Colors, Table};
+use gelsim_core::optics::calibrated::response::{CalibrationResponse, SECTORS};
+use gelsim_core::optics::calibrated::{CalibrationColors, CalibrationTable};
 
-/// Pixels of a press that are learnt from.
-const PIXELS: usize = 4000;
+/// Number of pixels of a press that are learnt from.
+const PRESS_PIXELS: usize = 4000;
 
-/// What a user may fix or wish.
+/// What a user may set.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Request {
-    /// Thickness of the pad, mm; chosen if it is not given.
+pub struct CalibrationRequest {
+    /// Thickness of the pad, mm; chosen by fit if `None`.
     pub thickness_mm: Option<f64>,
-    /// Radius of the contact over that of the visible disc; chosen if it is not given.
+    /// Radius of the contact over that of the visible disc; chosen by fit if `None`.
     pub contact_over_disc: Option<f64>,
     /// Leave out presses that may be unusable.
-    pub drops_bad: bool,
+    pub drops_outliers: bool,
     /// How the model is fitted.
-    pub settings: Settings,
+    pub settings: TrainingSettings,
 }
 
 /// A finished calibration.
 pub struct Calibration {
-    /// The presses it was made from.
+    /// The presses that were used.
     pub session: Session,
-    /// The pad.
+    /// The chosen pad geometry.
     pub geometry: Geometry,
-    /// The light.
-    pub table: Table,
-    /// LEDs that come nearest to it, for the optics models `phong` and `led`.
+    /// The calibrated light.
+    pub table: CalibrationTable,
+    /// LEDs that come nearest to the calibrated light, for the optics models `phong` and `led`.
     pub leds: FittedLeds,
-    /// The camera, where enough of the images is away from the presses.
+    /// Blur and noise of the camera; `None` if too little of the images is away from the presses.
     pub camera: Option<MeasuredCamera>,
-    /// Each press by a model of the others.
+    /// Each press, simulated by a model of the others.
     pub held_out: Vec<HeldOut>,
-    /// What speaks against each press.
+    /// Reasons against each press.
     pub outlier_reasons: Vec<Vec<OutlierReason>>,
-    /// Presses that were left out, each with what spoke against it.
+    /// Presses that were left out, each with the reasons.
     pub dropped: Vec<(String, Vec<OutlierReason>)>,
-    /// Presses whose contact no press of their ball makes in this pad.
+    /// Number of presses whose contact is larger than their ball can make in this pad.
     pub too_large: usize,
-    /// Whether the fit explains what the presses change.
-    pub verdict: Verdict,
+    /// Whether the fit explains the changes that the presses make.
+    pub verdict: FitVerdict,
 }
 
-/// Why there is no calibration.
+/// Why a calibration failed.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Unfit {
-    /// Too few presses are left; those that were left out, each with what spoke against it.
+pub enum CalibrationError {
+    /// Too few presses are left. Those that were left out, each with the reasons.
     TooFew(Vec<(String, Vec<OutlierReason>)>),
-    /// No pixel can be learnt from: all are out of view or white in the background.
+    /// No pixel can be learnt from: all are out of view or saturated in the background image.
     NoPixel,
 }
 
-/// What speaks against each press before the fit.
-pub fn doubts(session: &Session) -> Vec<Vec<OutlierReason>> {
+/// Finds the reasons against each press before the fit.
+pub fn find_outliers(session: &Session) -> Vec<Vec<OutlierReason>> {
     let of = |observation: &Observation| outlier_reasons(&observation.image, &session.background, &observation.circle);
     session.observations.par_iter().map(of).collect()
 }
 
-/// Calibrates; `None` if too few presses are left, or no pixel that can be learnt from.
-pub fn run(session: Session, request: &Request) -> Option<Calibration> {
-    let doubts = doubts(&session);
-    run_heard(session, doubts, request, &|_, _| {}).ok()
+/// Calibrates. `None` if too few presses are left, or no pixel can be learnt from.
+pub fn calibrate(session: Session, request: &CalibrationRequest) -> Option<Calibration> {
+    let doubts = find_outliers(&session);
+    calibrate_with_progress(session, doubts, request, &|_, _| {}).ok()
 }
 
-/// Calibrates where it is known what speaks against each press, and says how far that has come.
-pub fn run_heard(
+/// Calibrates with known reasons against each press, and reports the progress.
+pub fn calibrate_with_progress(
     mut session: Session,
     mut doubts: Vec<Vec<OutlierReason>>,
-    request: &Request,
-    heard: Heard<'_>,
-) -> Result<Calibration, Unfit> {
-    let Request { thickness_mm, contact_over_disc, settings, .. } = request;
+    request: &CalibrationRequest,
+    callback: ProgressCallback<'_>,
+) -> Result<Calibration, CalibrationError> {
+    let CalibrationRequest { thickness_mm, contact_over_disc, settings, .. } = request;
     let mut dropped = Vec::new();
-    if request.drops_bad {
-        drop_bad(&mut session, &mut doubts, &mut dropped);
+    if request.drops_outliers {
+        drop_outliers(&mut session, &mut doubts, &mut dropped);
     }
-    if session.observations.len() < super::session::FEWEST {
-        return Err(Unfit::TooFew(dropped));
+    if session.observations.len() < super::session::MIN_PRESSES {
+        return Err(CalibrationError::TooFew(dropped));
     }
     let last = (settings.networks * settings.steps) as u64;
-    let once = choose::work(*thickness_mm, *contact_over_disc, settings)
-        + validate::work(session.observations.len(), settings);
-    let work = Work::new(if request.drops_bad { 2 * once } else { once } + last, heard);
-    let chosen = |session: &Session| choose(session, *thickness_mm, *contact_over_disc, settings, &work);
+    let once = choose::count_choice_steps(*thickness_mm, *contact_over_disc, settings)
+        + validate::count_validation_steps(session.observations.len(), settings);
+    // A second round follows if the first one finds outliers.
+    let work = ProgressMeter::new(if request.drops_outliers { 2 * once } else { once } + last, callback);
+    let chosen = |session: &Session| choose_geometry(session, *thickness_mm, *contact_over_disc, settings, &work);
     let mut geometry = chosen(&session);
-    let mut learnt = learn(&session, geometry, request, &work);
-    if request.drops_bad && learnt.odd.iter().any(|odd| !odd.is_empty()) {
-        drop_bad(&mut session, &mut learnt.odd, &mut dropped);
+    let mut learnt = cross_validate_presses(&session, geometry, request, &work);
+    // A bad press also spoils the choice of the geometry and the fits of the others: start again without it.
+    if request.drops_outliers && learnt.outlier_reasons.iter().any(|odd| !odd.is_empty()) {
+        drop_outliers(&mut session, &mut learnt.outlier_reasons, &mut dropped);
         doubts = vec![Vec::new(); session.observations.len()];
-        if session.observations.len() < super::session::FEWEST {
-            return Err(Unfit::TooFew(dropped));
+        if session.observations.len() < super::session::MIN_PRESSES {
+            return Err(CalibrationError::TooFew(dropped));
         }
         geometry = chosen(&session);
-        learnt = learn(&session, geometry, request, &work);
+        learnt = cross_validate_presses(&session, geometry, request, &work);
     }
-    let Learnt { pixels, held_out, odd, too_large } = learnt;
+    let CrossValidation { pixels, held_out, outlier_reasons: odd, too_large } = learnt;
     for (doubts, odd) in doubts.iter_mut().zip(odd) {
         doubts.extend(odd);
     }
-    let response = fit(&session, &pixels.iter().collect::<Vec<_>>(), settings, 100, &work);
-    let leds = fit_leds(&pixels).ok_or(Unfit::NoPixel)?;
+    let response = fit_response(&session, &pixels.iter().collect::<Vec<_>>(), settings, 100, &work);
+    let leds = fit_leds(&pixels).ok_or(CalibrationError::NoPixel)?;
     Ok(Calibration {
-        table: table(response, geometry).with_beyond(leds.beyond()),
+        table: build_table(response, geometry).with_extrapolation(leds.extrapolation()),
         leds,
-        camera: measure(&session),
-        verdict: verdict(&session, &held_out),
+        camera: measure_camera(&session),
+        verdict: judge_fit(&session, &held_out),
         session,
         geometry,
         held_out,
@@ -132,41 +134,46 @@ pub fn run_heard(
     })
 }
 
-/// What was learnt of presses by models of the others.
-struct Learnt {
-    pixels: Vec<Pixels>,
+/// What models of the other presses say about each press.
+struct CrossValidation {
+    pixels: Vec<PixelSamples>,
     held_out: Vec<HeldOut>,
-    /// What that says against each press.
-    odd: Vec<Vec<OutlierReason>>,
+    /// Reasons that the fit gives against each press.
+    outlier_reasons: Vec<Vec<OutlierReason>>,
     too_large: usize,
 }
 
-fn learn(session: &Session, geometry: Geometry, request: &Request, work: &Work) -> Learnt {
+fn cross_validate_presses(
+    session: &Session,
+    geometry: Geometry,
+    request: &CalibrationRequest,
+    work: &ProgressMeter,
+) -> CrossValidation {
     let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
-    let surfaces = session.surfaces(geometry, &half);
-    let pixels = session.pixels(&session.places(PIXELS), &surfaces, true);
+    let surfaces = session.press_surfaces(geometry, &half);
+    let pixels = session.sample_pixels(&session.draw_places(PRESS_PIXELS), &surfaces, true);
     let held_out = cross_validate(session, &surfaces, &pixels, geometry, &request.settings, work);
-    let odd = odd_ones(&surfaces, &held_out);
+    let odd = find_misfits(&surfaces, &held_out);
     let too_large = surfaces.too_large.iter().filter(|too_large| **too_large).count();
-    Learnt { pixels, held_out, odd, too_large }
+    CrossValidation { pixels, held_out, outlier_reasons: odd, too_large }
 }
 
-/// Errors of the fit on presses that it has not seen, and of guesses, around the contacts.
-fn verdict(session: &Session, held_out: &[HeldOut]) -> Verdict {
+/// Computes the errors around the contacts of the fit, on presses that it has not seen, and of two guesses.
+fn judge_fit(session: &Session, held_out: &[HeldOut]) -> FitVerdict {
     let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;
     let fit = held_out.iter().filter_map(|held_out| Some(held_out.scores.contact?.mae)).collect();
     let guesses: Vec<[f64; 2]> = session
         .observations
         .par_iter()
-        .filter_map(|press| guesses(&press.image, &session.background, &press.circle))
+        .filter_map(|press| guess_errors(&press.image, &session.background, &press.circle))
         .collect();
     let of = |k: usize| mean(guesses.iter().map(|guesses| guesses[k]).collect());
-    Verdict { fit: mean(fit), background: of(0), flat: of(1) }
+    FitVerdict { fit: mean(fit), background: of(0), flat: of(1) }
 }
 
-impl Request {
-    /// The geometry where none is chosen: the sensor's thickness, and the usual contact, if the request has none.
-    pub fn geometry(&self, session: &Session) -> Geometry {
+impl CalibrationRequest {
+    /// Returns the geometry without a choice by fit: the request's, else the sensor's thickness and the usual contact.
+    pub fn default_geometry(&self, session: &Session) -> Geometry {
         Geometry {
             thickness_mm: self.thickness_mm.unwrap_or(session.sensor.gelpad_thickness_mm),
             contact_over_disc: self.contact_over_disc.unwrap_or(Geometry::USUAL_CONTACT),
@@ -174,36 +181,36 @@ impl Request {
     }
 }
 
-/// LEDs that were fitted alone, and how good they are.
-pub struct LedsAlone {
+/// LEDs that were fitted without a table, and how good they are.
+pub struct LedCalibration {
     /// The LEDs.
     pub leds: FittedLeds,
-    /// Whether they explain what the presses change.
-    pub verdict: Verdict,
-    /// Presses whose contact no press of their ball makes in this pad.
+    /// Whether the LEDs explain the changes that the presses make.
+    pub verdict: FitVerdict,
+    /// True for each press whose contact is larger than its ball can make in this pad.
     pub too_large: Vec<bool>,
 }
 
-/// Fits the LEDs alone, on this pad. `None` without pixels.
-pub fn run_leds(session: &Session, geometry: Geometry) -> Option<LedsAlone> {
+/// Fits the LEDs alone, in a pad of known geometry. `None` without pixels.
+pub fn calibrate_leds(session: &Session, geometry: Geometry) -> Option<LedCalibration> {
     let half = Model::Elastic(Elastic { resolution: Resolution::Half, ..Elastic::default() });
-    let surfaces = session.surfaces(geometry, &half);
-    let pixels = session.pixels(&session.places(PIXELS), &surfaces, false);
+    let surfaces = session.press_surfaces(geometry, &half);
+    let pixels = session.sample_pixels(&session.draw_places(PRESS_PIXELS), &surfaces, false);
     let leds = fit_leds(&pixels)?;
-    // Of so few numbers, fitted to thousands of pixels, those of the others are as good; with three presses, of two.
+    // Errors are those of presses that were not fitted. With three presses, each fit is to the two others.
     let parts = pixels.len().min(validate::FOLDS);
     let errors = (0..pixels.len()).into_par_iter().map(|press| {
         let others = pixels.iter().enumerate().filter(|(k, _)| k % parts != press % parts).map(|(_, pixels)| pixels);
-        Some(fit_leds(others)?.errors(&pixels[press]))
+        Some(fit_leds(others)?.mean_errors(&pixels[press]))
     });
     let errors: Vec<[f64; 3]> = errors.flatten().collect();
     let mean = |k: usize| errors.iter().map(|errors| errors[k]).sum::<f64>() / errors.len() as f64;
-    let verdict = Verdict { fit: mean(0), background: mean(1), flat: mean(2) };
-    Some(LedsAlone { leds, verdict, too_large: surfaces.too_large })
+    let verdict = FitVerdict { fit: mean(0), background: mean(1), flat: mean(2) };
+    Some(LedCalibration { leds, verdict, too_large: surfaces.too_large })
 }
 
-/// Takes the presses that something speaks against out of the session.
-fn drop_bad(
+/// Removes the presses with reasons against them from the session.
+fn drop_outliers(
     session: &mut Session,
     doubts: &mut Vec<Vec<OutlierReason>>,
     dropped: &mut Vec<(String, Vec<OutlierReason>)>,
@@ -219,8 +226,9 @@ fn drop_bad(
     }
 }
 
-/// What the fit says against presses: contacts no ball has, and errors far beyond the others'.
-fn odd_ones(surfaces: &Surfaces, held_out: &[HeldOut]) -> Vec<Vec<OutlierReason>> {
+/// Finds the reasons that a fit gives: contacts that the ball cannot make, and errors far above those of the other
+/// presses.
+fn find_misfits(surfaces: &PressSurfaces, held_out: &[HeldOut]) -> Vec<Vec<OutlierReason>> {
     let errors: Vec<f64> =
         held_out.iter().map(|held_out| held_out.scores.contact.unwrap_or(held_out.scores.full_image).mae).collect();
     let median = |mut values: Vec<f64>| {
@@ -228,6 +236,8 @@ fn odd_ones(surfaces: &Surfaces, held_out: &[HeldOut]) -> Vec<Vec<OutlierReason>
         values.get(values.len() / 2).copied().unwrap_or_default()
     };
     let middle = median(errors.clone());
+    // 1.4826 times the median absolute deviation estimates the standard deviation of a normal distribution; outliers
+    // hardly change it.
     let spread = 1.4826 * median(errors.iter().map(|error| (error - middle).abs()).collect());
     let odd = |(error, too_large): (&f64, &bool)| {
         let mut odd = Vec::new();
@@ -243,36 +253,39 @@ fn odd_ones(surfaces: &Surfaces, held_out: &[HeldOut]) -> Vec<Vec<OutlierReason>
 }
 
 impl Calibration {
-    /// Mean errors around the contact and over the whole image.
-    pub fn errors(&self) -> [Option<Score>; 2] {
+    /// Computes mean errors around the contact, and over the whole image. `None` where nothing was measured.
+    pub fn mean_errors(&self) -> [Option<Score>; 2] {
         let contact = self.held_out.iter().filter_map(|held_out| held_out.scores.contact.as_ref());
         [Score::mean(contact), Score::mean(self.held_out.iter().map(|held_out| &held_out.scores.full_image))]
     }
 
-    /// The same of the background alone, as if nothing pressed.
-    pub fn errors_without(&self) -> [Option<Score>; 2] {
+    /// Computes mean errors of the background image in place of a simulated one, around the contact and over the whole
+    /// image.
+    pub fn mean_background_errors(&self) -> [Option<Score>; 2] {
         let background = &self.session.background;
-        let of =
-            |observation: &super::Observation| score(&observation.image, background, Some(&observation.circle), DILATE);
+        let of = |observation: &super::Observation| {
+            score_images(&observation.image, background, Some(&observation.circle), ERROR_REACH)
+        };
         let scores: Vec<_> = self.session.observations.par_iter().map(of).collect();
         let contact = scores.iter().filter_map(|scores| scores.contact.as_ref());
         [Score::mean(contact), Score::mean(scores.iter().map(|scores| &scores.full_image))]
     }
 
-    /// Pictures of the colour by normal, in the middle of the view and towards its corners: a disc as a ball of the
-    /// steepest slope would show it, at half of the deepest displacement, over grey.
-    pub fn colors(&self) -> Vec<(String, RgbImage)> {
+    /// Renders the fitted colour by normal, in the middle of the view and towards its corners: a disc shows the normals
+    /// of a ball up to the steepest slope, at half of the deepest displacement, over grey.
+    pub fn color_discs(&self) -> Vec<(String, RgbImage)> {
         let places = [("middle", 0.0, 0.0), ("top left", -0.5, -0.5), ("top right", 0.5, -0.5)];
         let more = [("bottom left", -0.5, 0.5), ("bottom right", 0.5, 0.5)];
         let half = self.session.sensor.field_of_view_mm.map(|mm| 0.5 * mm);
-        let Colors::Response(response) = &self.table.colors else { return Vec::new() };
-        let disc =
-            |&(name, x, y): &(&str, f64, f64)| (name.to_owned(), disc_of_normals(response, [x * half[0], y * half[1]]));
+        let CalibrationColors::Response(response) = &self.table.colors else { return Vec::new() };
+        let disc = |&(name, x, y): &(&str, f64, f64)| {
+            (name.to_owned(), render_normal_disc(response, [x * half[0], y * half[1]]))
+        };
         places.iter().chain(&more).map(disc).collect()
     }
 }
 
-fn disc_of_normals(response: &Response, place_mm: [f64; 2]) -> RgbImage {
+fn render_normal_disc(response: &CalibrationResponse, place_mm: [f64; 2]) -> RgbImage {
     const SIZE: u32 = 129;
     let middle = 0.5 * (f64::from(SIZE) - 1.0);
     RgbImage::from_fn(SIZE, SIZE, |column, row| {

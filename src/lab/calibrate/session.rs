@@ -1,4 +1,4 @@
-//! Reads what `gelsim calibrate` starts from: a table of presses, their images, the background image.
+//! Reads the inputs of `gelsim calibrate`: a table of presses, their images, and the background image.
 
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -8,39 +8,39 @@ use rayon::prelude::*;
 
 use super::dots::{Dots, InpaintedImage};
 use super::{Observation, PrintedDots, Session};
-use crate::calibrate::detect::{Detection, detect};
-use crate::presses::{self, Column, Press, Table};
+use crate::calibrate::detect::{Detection, detect_disc};
+use crate::presses::{self, PressColumn, PressRow, PressTable};
 use gelsim_core::base::view::View;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::image_file;
 use gelsim_files::input;
 use gelsim_files::sensor::Sensor;
 
-/// Fewer presses teach nothing that holds elsewhere.
-pub const FEWEST: usize = 5;
-/// Fewer do not tell three LEDs apart.
-pub const FEWEST_FOR_LEDS: usize = 3;
+/// Least number of presses for a calibration: a fit to fewer does not hold for other presses.
+pub const MIN_PRESSES: usize = 5;
+/// Least number of presses for LEDs: fewer do not tell three LEDs apart.
+pub const MIN_PRESSES_FOR_LEDS: usize = 3;
 
 /// Sides of the view that a sensor file may have, mm.
 const VIEWS_MM: RangeInclusive<f64> = 1e-3..=1e4;
-/// A circle that was found less surely is to be looked at.
-const SURE: f64 = 0.5;
+/// Confidence below which a detected circle gets a warning.
+const SURE_CONFIDENCE: f64 = 0.5;
 
-/// Reads a picture of any format that is known.
-pub fn picture(path: &Path) -> Result<RgbImage, String> {
-    input::read(path, input::MOST_IMAGE_BYTES)
+/// Reads an image file of any known format. The error says why it cannot be read.
+pub fn read_picture(path: &Path) -> Result<RgbImage, String> {
+    input::read(path, input::MAX_IMAGE_BYTES)
         .map_err(|error| error.to_string())
         .and_then(|bytes| image_file::decode_rgb(&bytes))
 }
 
-/// That an image of a table cannot be read, with the way out that the reason tells.
-pub fn unreadable(table: &Table, press: &Press, reason: &str) -> Diagnostic {
+/// Reports that an image of a table cannot be read, and how to fix it.
+pub fn explain_unreadable(table: &PressTable, press: &PressRow, reason: &str) -> Diagnostic {
     let is_missing = !press.path.exists();
     let help = match () {
         () if is_missing && press.file.contains('\\') => String::from("write / in place of \\ in the names of images"),
-        () if is_missing => match twin(&press.path) {
-            Some(twin) => format!("is {twin} meant? write the image's own ending"),
-            None => format!("images are looked for from the table's folder, {}", folder(table)),
+        () if is_missing => match find_other_ending(&press.path) {
+            Some(other) => format!("is {other} meant? write the image's own ending"),
+            None => format!("images are looked for from the table's folder, {}", table_folder(table)),
         },
         () => String::from("put the image in its place, or leave its row out"),
     };
@@ -49,26 +49,26 @@ pub fn unreadable(table: &Table, press: &Press, reason: &str) -> Diagnostic {
     } else {
         (format!("cannot read {}: {reason}", press.path.display()), format!("images cannot be read: {reason}"))
     };
-    table.problem(press.line, what).of(press.file.as_str(), cause).help(help)
+    table.row_problem(press.line, what).about(press.file.as_str(), cause).help(help)
 }
 
-/// The name of an image that differs from this one by its ending alone.
-fn twin(path: &Path) -> Option<String> {
+/// Returns the name of an existing image that differs from this one by its ending alone.
+fn find_other_ending(path: &Path) -> Option<String> {
     let endings = ["png", "jpg", "jpeg", "PNG", "JPG", "bmp", "tif", "tiff", "webp"];
-    let twin = endings.into_iter().map(|ending| path.with_extension(ending)).find(|twin| twin.is_file())?;
-    Some(twin.file_name()?.to_string_lossy().into_owned())
+    let other = endings.into_iter().map(|ending| path.with_extension(ending)).find(|other| other.is_file())?;
+    Some(other.file_name()?.to_string_lossy().into_owned())
 }
 
-fn folder(table: &Table) -> String {
+fn table_folder(table: &PressTable) -> String {
     match table.path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder.display().to_string(),
         _ => String::from("the current one"),
     }
 }
 
-/// Reads a session of `sensor`, of which only the view is not known yet. Circles that the table lacks are looked for if
-/// `detects`. Returns notes with it, and every mistake instead of it.
-pub fn read(
+/// Reads a session of `sensor`, whose view is taken from the table and the background image. `detects`: circles that
+/// the table lacks are looked for. Returns the session with notes, or all mistakes.
+pub fn read_session(
     table: &Path,
     background: &Path,
     sensor: Sensor,
@@ -77,24 +77,25 @@ pub fn read(
 ) -> Result<(Session, Diagnostics), Report> {
     let table = presses::read(table)?;
     let mut problems = Diagnostics::default();
-    let untouched = picture(background);
+    let untouched = read_picture(background);
     if let Err(reason) = &untouched {
         let message = format!("cannot read the background {}: {reason}", background.display());
-        let help = format!("name an image of the untouched pad ({}) with --background", image_file::NAMES);
+        let help = format!("name an image of the untouched pad ({}) with --background", image_file::FORMAT_NAMES);
         problems.push(Diagnostic::new(message).help(help));
     }
     let background = untouched.ok();
-    let images: Vec<Result<RgbImage, String>> = table.presses.par_iter().map(|press| picture(&press.path)).collect();
+    let images: Vec<Result<RgbImage, String>> =
+        table.presses.par_iter().map(|press| read_picture(&press.path)).collect();
     for (press, image) in table.presses.iter().zip(&images) {
         if let Err(reason) = image {
-            problems.push(unreadable(&table, press, reason));
+            problems.push(explain_unreadable(&table, press, reason));
         }
     }
     if let Some(background) = &background {
-        problems.extend(other_sizes(&table, &images, background));
+        problems.extend(check_image_sizes(&table, &images, background));
     }
-    let pitch = usual_pitch(&table);
-    problems.extend(numbers(&table, pitch));
+    let mm_per_px = usual_pixel_size(&table);
+    problems.extend(check_numbers(&table, mm_per_px));
     let printed = background.as_ref().and_then(Dots::find);
     let rest = printed.as_ref().map(|(_, cleared)| &cleared.image).or(background.as_ref());
     let looked: Vec<PressReading> = table
@@ -103,37 +104,38 @@ pub fn read(
         .zip(images)
         .filter_map(|(press, image)| Some(inspect_press(press, image.ok()?, rest?, printed.as_ref(), detects)))
         .collect();
+    // Mistakes are collected rather than returned one by one, so that the user sees all of them in one run.
     let mut notes = Diagnostics::default();
     for press in table.presses.iter().filter(|press| press.circle.is_none() && !detects) {
-        let problem = table.problem(press.line, format!("{}: no circle", press.file));
-        let problem = problem.of(press.file.as_str(), "images have no circle in the table");
+        let problem = table.row_problem(press.line, format!("{}: no circle", press.file));
+        let problem = problem.about(press.file.as_str(), "images have no circle in the table");
         problems.push(problem.help("write the circle into the table, or add --detect to have it looked for"));
     }
     for PressReading { press, found, .. } in looked.iter().filter(|looked| looked.is_looked_for) {
         match found {
             None => {
-                let problem = table.problem(press.line, format!("{}: no press is found in it", press.file));
-                let problem = problem.of(press.file.as_str(), "images show no press that is found");
+                let problem = table.row_problem(press.line, format!("{}: no press is found in it", press.file));
+                let problem = problem.about(press.file.as_str(), "images show no press that is found");
                 problems.push(problem.help("write the circle into the table, or leave the row out"));
             }
-            Some(found) => notes.push(detected(press, found)),
+            Some(found) => notes.push(describe_detection(press, found)),
         }
     }
     if problems.is_empty() && looked.len() < fewest {
-        problems.push(few(&table, looked.len(), fewest));
+        problems.push(report_few_presses(&table, looked.len(), fewest));
     }
     let Some(background) = background else { return Err(table.report(&problems)) };
     let resolution_px = <[u32; 2]>::from(background.dimensions());
-    let field_of_view_mm = resolution_px.map(|px| f64::from(px) * pitch.unwrap_or(1.0));
+    let field_of_view_mm = resolution_px.map(|px| f64::from(px) * mm_per_px.unwrap_or(1.0));
     if field_of_view_mm.iter().any(|mm| !VIEWS_MM.contains(mm)) {
         let message = format!("the view would be {:.3e} x {:.3e} mm", field_of_view_mm[0], field_of_view_mm[1]);
-        problems.push(table.problem(2, message).help("mm_per_px is the width of a pixel on the pad, in mm"));
+        problems.push(table.row_problem(2, message).help("mm_per_px is the width of a pixel on the pad, in mm"));
     }
-    let Some(pitch) = pitch.filter(|_| problems.is_empty()) else { return Err(table.report(&problems)) };
+    let Some(mm_per_px) = mm_per_px.filter(|_| problems.is_empty()) else { return Err(table.report(&problems)) };
     let sensor = Sensor { resolution_px, field_of_view_mm, ..sensor };
-    let camera = View { resolution_px: resolution_px.map(|px| px as usize), mm_per_px: [pitch; 2] };
+    let camera = View { resolution_px: resolution_px.map(|px| px as usize), mm_per_px: [mm_per_px; 2] };
     let motion = looked.iter().flat_map(|looked| looked.motion.iter().copied()).collect();
-    let observations = looked.into_iter().filter_map(PressReading::observation).collect();
+    let observations = looked.into_iter().filter_map(PressReading::into_observation).collect();
     let (printed, background) = match printed {
         None => (None, background),
         Some((dots, cleared)) => (Some(PrintedDots { dots: dots.with_motion(motion), background }), cleared.image),
@@ -141,17 +143,22 @@ pub fn read(
     Ok((Session { sensor, camera, background, observations, printed }, notes))
 }
 
-fn few(table: &Table, count: usize, fewest: usize) -> Diagnostic {
+fn report_few_presses(table: &PressTable, count: usize, fewest: usize) -> Diagnostic {
     let last = table.presses.last().map_or(1, |press| press.line);
     let message = format!("{count} presses are too few to learn from");
-    table.problem(last, message).help(format!("give {fewest} at least; 20 to 50 all over the picture are good"))
+    table.row_problem(last, message).help(format!("give {fewest} at least; 20 to 50 all over the picture are good"))
 }
 
-/// Images of another size than the background's. Where they agree among each other, it is the background that is another one.
-fn other_sizes(table: &Table, images: &[Result<RgbImage, String>], background: &RgbImage) -> Vec<Diagnostic> {
+/// Reports images of another size than the background image. If all images are of one size, the background image is
+/// wrong.
+fn check_image_sizes(
+    table: &PressTable,
+    images: &[Result<RgbImage, String>],
+    background: &RgbImage,
+) -> Vec<Diagnostic> {
     let size = |image: &RgbImage| format!("{}x{} px", image.width(), image.height());
     let own = size(background);
-    let read: Vec<(&Press, &RgbImage)> =
+    let read: Vec<(&PressRow, &RgbImage)> =
         table.presses.iter().zip(images).filter_map(|(press, image)| Some((press, image.as_ref().ok()?))).collect();
     let other = |image: &RgbImage| image.dimensions() != background.dimensions();
     let same = read.windows(2).all(|two| two[0].1.dimensions() == two[1].1.dimensions());
@@ -164,63 +171,67 @@ fn other_sizes(table: &Table, images: &[Result<RgbImage, String>], background: &
     }
     let wrong = read.into_iter().filter(|(_, image)| other(image)).map(|(press, image)| {
         let message = format!("{} is {}, the background {own}", press.file, size(image));
-        let problem = table.problem(press.line, message).help("resize these images, or leave their rows out");
-        problem
-            .of(format!("{} ({})", press.file, size(image)), format!("images are not of the background's size, {own}"))
+        let problem = table.row_problem(press.line, message).help("resize these images, or leave their rows out");
+        problem.about(
+            format!("{} ({})", press.file, size(image)),
+            format!("images are not of the background's size, {own}"),
+        )
     });
     wrong.collect()
 }
 
-/// The size of a pixel that most rows have; of equally many the first.
-fn usual_pitch(table: &Table) -> Option<f64> {
+/// Returns the pixel size that most rows have, mm; the first one of equally frequent ones.
+fn usual_pixel_size(table: &PressTable) -> Option<f64> {
     let all: Vec<f64> = table.presses.iter().filter_map(|press| press.mm_per_px).collect();
-    let count = |pitch: f64| all.iter().filter(|own| is_same(**own, pitch)).count();
-    let most = all.iter().map(|pitch| count(*pitch)).max()?;
-    all.iter().copied().find(|pitch| count(*pitch) == most)
+    let count = |mm: f64| all.iter().filter(|own| is_same_size(**own, mm)).count();
+    let most = all.iter().map(|mm| count(*mm)).max()?;
+    all.iter().copied().find(|mm| count(*mm) == most)
 }
 
-fn is_same(a: f64, b: f64) -> bool {
+fn is_same_size(a: f64, b: f64) -> bool {
     (a / b - 1.0).abs() <= 1e-6
 }
 
-/// What is missing or odd in the numbers of balls and pixels.
-fn numbers(table: &Table, pitch: Option<f64>) -> Vec<Diagnostic> {
+/// Reports missing and differing numbers of balls and pixels. `usual_mm` is the pixel size that most rows have.
+fn check_numbers(table: &PressTable, usual_mm: Option<f64>) -> Vec<Diagnostic> {
     let mut all = Vec::new();
     let columns = [
-        (Column::BallRadius, "ball_radius_mm", "the radius of the ball in mm"),
-        (Column::PixelSize, "mm_per_px", "the width of a pixel on the pad in mm"),
+        (PressColumn::BallRadius, "ball_radius_mm", "the radius of the ball in mm"),
+        (PressColumn::PixelSize, "mm_per_px", "the width of a pixel on the pad in mm"),
     ];
     for (column, name, what) in columns {
-        if let Some(lacking) = table.lacks(column, what) {
+        if let Some(lacking) = table.report_missing_column(column, what) {
             all.push(lacking);
             continue;
         }
-        let is_empty = |press: &&Press| match column {
-            Column::BallRadius => press.ball_radius_mm.is_none(),
+        let is_empty = |press: &&PressRow| match column {
+            PressColumn::BallRadius => press.ball_radius_mm.is_none(),
             _ => press.mm_per_px.is_none(),
         };
         all.extend(table.presses.iter().filter(is_empty).map(|press| {
-            let problem = table.problem(press.line, format!("{}: no {name}", press.file));
-            let problem = problem.of(press.file.as_str(), format!("rows have no `{name}`"));
+            let problem = table.row_problem(press.line, format!("{}: no {name}", press.file));
+            let problem = problem.about(press.file.as_str(), format!("rows have no `{name}`"));
             problem.help(format!("write {what} into every row"))
         }));
     }
     let odd = table.presses.iter().filter_map(|press| {
-        let (own, usual) = (press.mm_per_px?, pitch?);
+        let (own, usual) = (press.mm_per_px?, usual_mm?);
         let problem = || {
-            let problem = table.problem(press.line, format!("{}: {own} mm per px, {usual} in most rows", press.file));
+            let problem =
+                table.row_problem(press.line, format!("{}: {own} mm per px, {usual} in most rows", press.file));
             let cause = format!("rows have another `mm_per_px` than most, {usual}");
-            problem.of(format!("{} ({own})", press.file), cause)
+            problem.about(format!("{} ({own})", press.file), cause)
         };
-        (!is_same(own, usual)).then(|| problem().help("one camera has one pixel size: write the same into every row"))
+        (!is_same_size(own, usual))
+            .then(|| problem().help("one camera has one pixel size: write the same into every row"))
     });
     all.extend(odd);
     all
 }
 
-/// What was seen in the image of a row.
+/// What the image of a row shows.
 struct PressReading<'a> {
-    press: &'a Press,
+    press: &'a PressRow,
     cleared: InpaintedImage,
     motion: Vec<f64>,
     is_looked_for: bool,
@@ -228,7 +239,7 @@ struct PressReading<'a> {
 }
 
 fn inspect_press<'a>(
-    press: &'a Press,
+    press: &'a PressRow,
     image: RgbImage,
     rest: &RgbImage,
     printed: Option<&(Dots, InpaintedImage)>,
@@ -238,18 +249,19 @@ fn inspect_press<'a>(
     let (cleared, motion) = match printed.filter(|_| is_of_size) {
         None => (InpaintedImage { image, ink: Vec::new() }, Vec::new()),
         Some((dots, untouched)) => {
-            let (mut cleared, motion) = dots.clear(&image);
+            let (mut cleared, motion) = dots.inpaint_dots(&image);
+            // A pixel that a dot covers in either image has no known change.
             cleared.ink.iter_mut().zip(&untouched.ink).for_each(|(ink, other)| *ink |= *other);
             (cleared, motion)
         }
     };
     let is_looked_for = detects && press.circle.is_none() && is_of_size;
-    let found = if is_looked_for { detect(&cleared.image, rest) } else { None };
+    let found = if is_looked_for { detect_disc(&cleared.image, rest) } else { None };
     PressReading { press, cleared, motion, is_looked_for, found }
 }
 
 impl PressReading<'_> {
-    fn observation(self) -> Option<Observation> {
+    fn into_observation(self) -> Option<Observation> {
         let Self { press, cleared: InpaintedImage { image, ink }, found, .. } = self;
         Some(Observation {
             file: press.file.clone(),
@@ -262,17 +274,17 @@ impl PressReading<'_> {
     }
 }
 
-/// What is said of a circle that was found.
-fn detected(press: &Press, found: &Detection) -> Diagnostic {
+/// Describes a detected circle: a note, or a warning if the detection is not sure.
+fn describe_detection(press: &PressRow, found: &Detection) -> Diagnostic {
     let ([x, y], radius) = (found.circle.centre_px, found.circle.radius_px);
     let sure = (100.0 * found.confidence).round();
     let message = format!("{}: circle found at {x:.1}, {y:.1} of radius {radius:.1} px, {sure} % sure", press.file);
-    if found.confidence < SURE {
+    if found.confidence < SURE_CONFIDENCE {
         let cause = "circles were found, but not surely";
         let help =
             "look at them in the page beside the sensor file; where one is wrong, write the right one into the table";
-        Diagnostic::warning(message).of(format!("{} ({sure} % sure)", press.file), cause).help(help)
+        Diagnostic::warning(message).about(format!("{} ({sure} % sure)", press.file), cause).help(help)
     } else {
-        Diagnostic::note(message).of(format!("{} ({sure} % sure)", press.file), "circles were found")
+        Diagnostic::note(message).about(format!("{} ({sure} % sure)", press.file), "circles were found")
     }
 }

@@ -1,7 +1,7 @@
-//! The pad's surface under each press of a calibration, as files: labels for real images.
+//! Writes the pad's surface under each press of a calibration: labels for real images.
 //!
-//! A folder holds `surfaces.json`, which names the layers with shape and unit and the files of each press, and for each
-//! press, under nine digits, `surface.npy`, `normal.npy` and `contact.png`, as datasets have them.
+//! A folder holds `surfaces.json`, which names the layers with shape and unit and the files of each press. For each
+//! press it holds `surface.npy`, `normal.npy` and `contact.png`, each under nine digits, as datasets do.
 
 use std::fs;
 use std::io;
@@ -9,26 +9,26 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::{Geometry, Observation, Session, Surfaces};
+use super::{Geometry, Observation, PressSurfaces, Session};
 use gelsim_core::base::grid::Resolution;
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::gelpad::elastic::Elastic;
 use gelsim_core::gelpad::{Contact, Model};
-use gelsim_core::optics::normals::normals;
-use gelsim_dataset::encode::json;
+use gelsim_core::optics::normals::surface_normals;
+use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Report, user_error};
-use gelsim_files::write::write_folder_whole;
+use gelsim_files::write::write_folder_atomically;
 use gelsim_files::{npy, png};
-use gelsim_job::label::{GENERATOR, key};
-use gelsim_job::layers::{DepthFormat, Form, OutputLayer};
+use gelsim_job::label::{GENERATOR, sample_key};
+use gelsim_job::layers::{DepthFormat, LayerForm, OutputLayer};
 
-/// The file that names the others.
-pub const INDEX: &str = "surfaces.json";
+/// Name of the file that lists the others.
+pub const INDEX_FILE: &str = "surfaces.json";
 
-/// What is written of each press.
+/// Layers that are written for each press.
 const LAYERS: [OutputLayer; 3] = [OutputLayer::Surface, OutputLayer::Normal, OutputLayer::Contact];
 
-/// What [`INDEX`] holds.
+/// Content of the file [`INDEX_FILE`].
 #[derive(Debug, Serialize)]
 struct Index {
     surfaces_version: u32,
@@ -41,12 +41,12 @@ struct Index {
     presses: Vec<Press>,
 }
 
-/// A layer, the same in all presses.
+/// A layer; all presses have it.
 #[derive(Debug, Serialize)]
 struct Layer {
     name: &'static str,
     ending: &'static str,
-    /// Rows, columns, and values of a pixel where there are several.
+    /// Rows, columns, and the number of values per pixel if there are several.
     shape: Vec<usize>,
     dtype: &'static str,
     unit: Option<&'static str>,
@@ -61,26 +61,27 @@ struct Press {
     disc_radius_px: f64,
     ball_radius_mm: f64,
     depth_mm: f64,
-    /// No press of such a ball has a disc as large: the surface is the deepest press's.
+    /// True if the ball cannot make so large a disc. The surface is that of the deepest press.
     too_large: bool,
     files: Vec<String>,
 }
 
-fn name(number: usize, layer: OutputLayer) -> String {
-    format!("{}.{}", key(number as u64), layer.suffix(DepthFormat::Npy))
+fn layer_file_name(number: usize, layer: OutputLayer) -> String {
+    format!("{}.{}", sample_key(number as u64), layer.file_suffix(DepthFormat::Npy))
 }
 
-/// True for the name of a file that may be in the folder.
+/// Returns true for the name of a file that this module writes.
 fn is_ours(name: &str) -> bool {
     let of_layer = |layer: &OutputLayer| {
-        let number = name.strip_suffix(&format!(".{}", layer.suffix(DepthFormat::Npy)));
+        let number = name.strip_suffix(&format!(".{}", layer.file_suffix(DepthFormat::Npy)));
         number.is_some_and(|number| number.len() == 9 && number.bytes().all(|byte| byte.is_ascii_digit()))
     };
-    name == INDEX || LAYERS.iter().any(of_layer)
+    name == INDEX_FILE || LAYERS.iter().any(of_layer)
 }
 
-/// Refuses a folder that cannot be written or holds what would be lost: one may be absent, or empty, or from before.
-pub fn check(root: &Path) -> Result<(), Report> {
+/// Refuses a folder that cannot be written, or that holds files which would be lost. Allowed are a folder that does not
+/// exist, an empty one, and one of an earlier run.
+pub fn check_folder(root: &Path) -> Result<(), Report> {
     let another = "choose a new or empty folder with --surfaces";
     let refused = |message: String| Err(user_error(message, another));
     let shown = root.display();
@@ -109,32 +110,31 @@ pub fn check(root: &Path) -> Result<(), Report> {
     }
 }
 
-/// Writes the surfaces of a session's presses, in place of those that are there. On failure the path that it is about.
-pub fn write(session: &Session, geometry: Geometry, root: &Path) -> Result<(), (PathBuf, io::Error)> {
-    // Labels are worth the finest grid.
+/// Writes the surfaces of a session's presses, in place of those that are there. The error names the path that it is
+/// about.
+pub fn write_surfaces(session: &Session, geometry: Geometry, root: &Path) -> Result<(), (PathBuf, io::Error)> {
+    // These are labels, and written once: the full grid is worth its time.
     let full = Model::Elastic(Elastic { resolution: Resolution::Full, ..Elastic::default() });
-    let surfaces = session.surfaces(geometry, &full);
-    let index = index(session, geometry, &surfaces);
-    let index = (String::from(INDEX), [json(&index).as_slice(), b"\n"].concat());
-    let files = surfaces
-        .contacts
-        .iter()
-        .enumerate()
-        .flat_map(|(number, contact)| LAYERS.map(|layer| (name(number, layer), encoded(session, contact, layer))));
-    // The index comes last: what it names is there then.
-    write_folder_whole(root, files.chain([index]))
+    let surfaces = session.press_surfaces(geometry, &full);
+    let index = build_index(session, geometry, &surfaces);
+    let index = (String::from(INDEX_FILE), [to_json_line(&index).as_slice(), b"\n"].concat());
+    let files = surfaces.contacts.iter().enumerate().flat_map(|(number, contact)| {
+        LAYERS.map(|layer| (layer_file_name(number, layer), encode_layer(session, contact, layer)))
+    });
+    // The index comes last, so that every file it names exists by then.
+    write_folder_atomically(root, files.chain([index]))
 }
 
-fn index(session: &Session, geometry: Geometry, surfaces: &Surfaces) -> Index {
+fn build_index(session: &Session, geometry: Geometry, surfaces: &PressSurfaces) -> Index {
     let [width, height] = session.camera.resolution_px;
     let layer = |layer: OutputLayer| {
         let spec = layer.spec();
         let values = spec.form.values_per_px().filter(|count| *count > 1);
         Layer {
             name: spec.name,
-            ending: layer.coding(DepthFormat::Npy).ending(),
+            ending: layer.coding_for(DepthFormat::Npy).extension(),
             shape: [height, width].into_iter().chain(values).collect(),
-            dtype: if matches!(spec.form, Form::Floats { .. }) { "float32" } else { "uint8" },
+            dtype: if matches!(spec.form, LayerForm::Floats { .. }) { "float32" } else { "uint8" },
             unit: spec.unit,
             meaning: spec.meaning,
         }
@@ -147,7 +147,7 @@ fn index(session: &Session, geometry: Geometry, surfaces: &Surfaces) -> Index {
         ball_radius_mm: observation.ball_radius_mm,
         depth_mm: *depth_mm,
         too_large: *too_large,
-        files: LAYERS.map(|layer| name(number, layer)).to_vec(),
+        files: LAYERS.map(|layer| layer_file_name(number, layer)).to_vec(),
     };
     let presses = session.observations.iter().zip(depths).enumerate().map(press).collect();
     Index {
@@ -162,11 +162,11 @@ fn index(session: &Session, geometry: Geometry, surfaces: &Surfaces) -> Index {
     }
 }
 
-fn encoded(session: &Session, contact: &Contact, layer: OutputLayer) -> Vec<u8> {
+fn encode_layer(session: &Session, contact: &Contact, layer: OutputLayer) -> Vec<u8> {
     let [width, height] = session.camera.resolution_px;
     match layer {
         OutputLayer::Normal => {
-            let normals = normals(contact, &session.camera);
+            let normals = surface_normals(contact, &session.camera);
             let plane = |k: usize| normals.iter().map(|normal| normal[k]).collect();
             let planes: [Vec<f32>; 3] = [plane(0), plane(1), plane(2)];
             npy::encode(width, height, &planes.each_ref().map(Vec::as_slice))

@@ -1,60 +1,72 @@
-//! Fits a [`Response`] to pixels: several small networks from different starts, of which the mean is one larger network.
+//! Fits a [`CalibrationResponse`] to pixels: several small networks from different starts, whose mean is one larger
+//! network.
 //!
-//! Stochastic gradient descent (Adam, Kingma and Ba 2015, with decoupled weight decay, Loshchilov and Hutter 2019, and a
-//! rate that falls along a cosine) of a pseudo-Huber loss, which forgives specks of dust. The same pixels give the same
-//! numbers on the same machine, whatever the number of threads.
+//! The method is stochastic gradient descent (Adam, Kingma and Ba 2015, with decoupled weight decay, Loshchilov and
+//! Hutter 2019, and a rate that falls along a cosine). The loss is pseudo-Huber, which forgives specks of dust. The
+//! same pixels give the same numbers on the same machine, whatever the number of threads.
 
 use nalgebra::DMatrix;
 
-use super::pixels::Pixels;
-use super::progress::Work;
-use gelsim_core::base::rng::{Stream, stream};
-use gelsim_core::optics::calibrated::beyond::Range;
-use gelsim_core::optics::calibrated::response::{INPUTS, OUTPUTS, Response, TERMS, squashed, squashed_slope, terms};
+use super::pixels::PixelSamples;
+use super::progress::ProgressMeter;
+use gelsim_core::base::rng::{RandomStream, random_stream};
+use gelsim_core::optics::calibrated::extrapolation::CalibrationRange;
+use gelsim_core::optics::calibrated::response::{
+    CalibrationResponse, INPUTS, OUTPUTS, TERMS, activation, activation_slope, normal_terms,
+};
 
-/// Outputs are counted in fractions of full scale of this size while training, which suits the rate.
-const UNIT: f32 = 0.4;
-/// Error, as a fraction of full scale, from which the loss grows in proportion.
-const HUBER: f32 = 4.0 / 255.0;
+/// Unit of the outputs while training, as a fraction of full scale. It suits the training rate.
+const OUTPUT_UNIT: f32 = 0.4;
+/// Error from which the loss grows in proportion, as a fraction of full scale.
+const HUBER_DELTA: f32 = 4.0 / 255.0;
 
-/// How a model is fitted.
+/// Settings of the training.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Networks of which the mean is taken.
+pub struct TrainingSettings {
+    /// Number of networks whose mean is taken.
     pub networks: usize,
-    /// Hidden units of each.
+    /// Number of hidden units of each network.
     pub units: usize,
-    /// Steps of each.
+    /// Number of training steps of each network.
     pub steps: usize,
-    /// Pixels looked at in a step.
+    /// Number of pixels per step.
     pub batch: usize,
-    /// Rate of the first steps.
+    /// Training rate at the start.
     pub rate: f32,
-    /// Fraction of the weights lost per unit of the rate.
+    /// Weight decay: fraction of the weights lost per step and unit of the rate.
     pub decay: f32,
 }
 
-impl Default for Settings {
+impl Default for TrainingSettings {
     fn default() -> Self {
         Self { networks: 3, units: 12, steps: 1500, batch: 2048, rate: 1e-2, decay: 0.1 }
     }
 }
 
-/// What inputs and outputs are counted in.
+/// Units of inputs.
 #[derive(Clone, Copy, Debug)]
-struct Scales {
+struct InputScales {
     height_mm: f32,
     place_mm: f32,
 }
 
-/// Fits a model that holds within `range`. `seed` is where its networks start; `place_mm` half the longer side of the view.
-pub fn fit(pixels: &Pixels, range: Range, place_mm: f64, settings: &Settings, seed: u64, work: &Work) -> Response {
+/// Fits a model that holds within `range`. `seed` decides where its networks start. `place_mm` is half the longer side
+/// of the view.
+pub fn fit_networks(
+    pixels: &PixelSamples,
+    range: CalibrationRange,
+    place_mm: f64,
+    settings: &TrainingSettings,
+    seed: u64,
+    work: &ProgressMeter,
+) -> CalibrationResponse {
     let deepest_mm = pixels.inputs.iter().map(|input| input[0]).fold(0.0, f32::max);
-    let scales = Scales { height_mm: deepest_mm.max(1e-3), place_mm: place_mm as f32 };
+    // The depth is used as a divisor: presses without depth must not make it 0.
+    let scales = InputScales { height_mm: deepest_mm.max(1e-3), place_mm: place_mm as f32 };
     let networks =
-        (0..settings.networks as u64).map(|k| Network::fitted(pixels, &scales, settings, 64 * seed + k, work));
+        (0..settings.networks as u64).map(|k| Network::train_network(pixels, &scales, settings, 64 * seed + k, work));
     let networks: Vec<Network> = networks.collect();
-    let weight = UNIT / networks.len().max(1) as f32;
+    let weight = OUTPUT_UNIT / networks.len().max(1) as f32;
     let hidden: Vec<[f32; INPUTS + 1]> = networks.iter().flat_map(Network::hidden_units).collect();
     let output = |k: usize| {
         let from_hidden = networks.iter().flat_map(|n| (0..settings.units).map(move |j| weight * n.outer[(k, j)]));
@@ -62,12 +74,12 @@ pub fn fit(pixels: &Pixels, range: Range, place_mm: f64, settings: &Settings, se
         from_hidden.chain((0..=INPUTS).map(sum)).collect()
     };
     let outputs = (0..OUTPUTS).map(output).collect();
-    let (Scales { height_mm, place_mm }, Range { steepest, heights_mm }) = (scales, range);
-    Response { height_mm, place_mm, heights_mm, steepest, hidden, outputs }
+    let (InputScales { height_mm, place_mm }, CalibrationRange { steepest, heights_mm }) = (scales, range);
+    CalibrationResponse { height_mm, place_mm, heights_mm, steepest, hidden, outputs }
 }
 
-/// Mean absolute error of a model on pixels, fractions of full scale; 0 without any.
-pub fn error(response: &Response, pixels: &Pixels) -> f64 {
+/// Computes the mean absolute error of a model on pixels, as a fraction of full scale; 0 without pixels.
+pub fn mean_absolute_error(response: &CalibrationResponse, pixels: &PixelSamples) -> f64 {
     let of = |k: usize| -> f64 {
         let [w, x, y, sky @ ..] = pixels.inputs[k].map(f64::from);
         let found = response.change(pixels.normals[k].map(f64::from), w, [x, y], sky);
@@ -76,18 +88,18 @@ pub fn error(response: &Response, pixels: &Pixels) -> f64 {
     (0..pixels.len()).map(of).sum::<f64>() / (3 * pixels.len().max(1)) as f64
 }
 
-/// One network: `inner` has a row of weights and a bias for each hidden unit; `outer`, for each output, the weights of the
-/// hidden units, of the inputs, and a bias.
+/// One network. `inner` has a row of weights and a bias for each hidden unit. `outer` has a row for each output: the
+/// weights of the hidden units, those of the inputs, and a bias.
 struct Network {
     inner: DMatrix<f32>,
     outer: DMatrix<f32>,
 }
 
-/// Pixels of one step, one in each column.
+/// Pixels of one training step, one in each column.
 struct Batch {
-    /// Inputs and a 1.
+    /// Inputs, followed by a 1 for the bias.
     inputs: DMatrix<f32>,
-    /// The same of an untouched pad.
+    /// Inputs at these places on an untouched pad, followed by a 1.
     at_rest: DMatrix<f32>,
     terms: DMatrix<f32>,
     change: DMatrix<f32>,
@@ -101,9 +113,9 @@ impl Batch {
         Self { inputs, at_rest, terms: zeros(TERMS), change: zeros(3), clipped: zeros(3) }
     }
 
-    fn draw(&mut self, pixels: &Pixels, scales: &Scales, random: &mut Stream) {
+    fn draw(&mut self, pixels: &PixelSamples, scales: &InputScales, random: &mut RandomStream) {
         for column in 0..self.inputs.ncols() {
-            let k = random.below(pixels.len());
+            let k = random.uniform_below(pixels.len());
             let [w, x, y, sky @ ..] = pixels.inputs[k];
             let place = [x / scales.place_mm, y / scales.place_mm];
             let mut inputs = self.inputs.column_mut(column);
@@ -114,27 +126,34 @@ impl Batch {
             let mut at_rest = self.at_rest.column_mut(column);
             (at_rest[1], at_rest[2], at_rest[INPUTS]) = (place[0], place[1], 1.0);
             let [nx, ny] = pixels.normals[k];
-            self.terms.column_mut(column).copy_from_slice(&terms(nx, ny));
+            self.terms.column_mut(column).copy_from_slice(&normal_terms(nx, ny));
             self.change.column_mut(column).copy_from_slice(&pixels.change[k]);
             self.clipped.column_mut(column).copy_from_slice(&pixels.clipped[k]);
         }
     }
 }
 
-/// One layer's way: what came in with what the hidden units made of it below, and their slopes.
-struct Forward {
+/// Values of a forward pass, and the slopes of the activation there.
+struct ForwardPass {
     /// Hidden units, then inputs and a 1.
     all: DMatrix<f32>,
     slopes: DMatrix<f32>,
 }
 
 impl Network {
-    fn fitted(pixels: &Pixels, scales: &Scales, settings: &Settings, seed: u64, work: &Work) -> Self {
-        /// Steps after which it is said how many there were.
+    fn train_network(
+        pixels: &PixelSamples,
+        scales: &InputScales,
+        settings: &TrainingSettings,
+        seed: u64,
+        work: &ProgressMeter,
+    ) -> Self {
+        /// Number of steps after which progress is reported.
         const SAID: usize = 25;
-        let mut random = stream(seed, "calibration", 0);
-        let mut network = Self::start(settings.units, &mut random);
+        let mut random = random_stream(seed, "calibration", 0);
+        let mut network = Self::with_random_weights(settings.units, &mut random);
         if pixels.is_empty() {
+            // Without pixels there is nothing to learn: the model says that nothing changes.
             network.outer.fill(0.0);
             return network;
         }
@@ -145,19 +164,21 @@ impl Network {
             batch.draw(pixels, scales, &mut random);
             let [inner_slope, outer_slope] = network.gradient(&batch);
             let cosine = 0.5 * (1.0 + libm::cosf(std::f32::consts::PI * step as f32 / settings.steps as f32));
+            // The rate rises over the first 50 steps, while Adam knows little of the slopes.
             let rate = settings.rate * cosine * ((step + 1) as f32 / 50.0).min(1.0);
             inner.step(network.inner.as_mut_slice(), inner_slope.as_slice(), rate, settings.decay);
             outer.step(network.outer.as_mut_slice(), outer_slope.as_slice(), rate, settings.decay);
             if (step + 1) % SAID == 0 {
-                work.add(SAID as u64, "fitting the light");
+                work.advance(SAID as u64, "fitting the light");
             }
         }
         network
     }
 
-    /// Random weights of hidden units, small ones of outputs, none that go past the hidden units.
-    fn start(units: usize, random: &mut Stream) -> Self {
-        let mut draw = |count: usize| (random.normal() / libm::sqrt(count.max(1) as f64)) as f32;
+    /// Makes a network with random weights of the hidden units, small ones of the outputs, and none from inputs
+    /// straight to outputs.
+    fn with_random_weights(units: usize, random: &mut RandomStream) -> Self {
+        let mut draw = |count: usize| (random.standard_normal() / libm::sqrt(count.max(1) as f64)) as f32;
         let inner = DMatrix::from_fn(units, INPUTS + 1, |_, k| if k < INPUTS { draw(INPUTS) } else { 0.0 });
         let outer =
             DMatrix::from_fn(OUTPUTS, units + INPUTS + 1, |_, j| if j < units { 0.1 * draw(units) } else { 0.0 });
@@ -168,24 +189,24 @@ impl Network {
         self.inner.row_iter().map(|row| std::array::from_fn(|k| row[k]))
     }
 
-    fn forward(&self, inputs: &DMatrix<f32>) -> Forward {
+    fn forward(&self, inputs: &DMatrix<f32>) -> ForwardPass {
         let units = self.inner.nrows();
         let mut slopes = &self.inner * inputs;
         let mut all = DMatrix::zeros(units + inputs.nrows(), inputs.ncols());
         all.rows_mut(units, inputs.nrows()).copy_from(inputs);
         for (mut column, mut slopes) in all.column_iter_mut().zip(slopes.column_iter_mut()) {
             for (value, slope) in column.iter_mut().zip(slopes.iter_mut()) {
-                (*value, *slope) = (squashed(*slope), squashed_slope(*slope));
+                (*value, *slope) = (activation(*slope), activation_slope(*slope));
             }
         }
-        Forward { all, slopes }
+        ForwardPass { all, slopes }
     }
 
-    /// Slopes of the loss along `inner` and `outer`.
+    /// Computes the slopes of the loss along `inner` and `outer`.
     fn gradient(&self, batch: &Batch) -> [DMatrix<f32>; 2] {
         let units = self.inner.nrows();
         let (here, rest) = (self.forward(&batch.inputs), self.forward(&batch.at_rest));
-        let constants = self.constants();
+        let constants = self.constant_rows();
         let (mut outputs, flat) = (&self.outer * &here.all, &constants * &rest.all);
         let mut errors = DMatrix::zeros(3, outputs.ncols());
         let per_pixel = 1.0 / outputs.ncols() as f32;
@@ -194,12 +215,13 @@ impl Network {
             for channel in 0..3 {
                 let part = channel * TERMS..(channel + 1) * TERMS;
                 let sum: f32 = outputs.as_slice()[part.clone()].iter().zip(terms.as_slice()).map(|(c, t)| c * t).sum();
-                let error = UNIT * (sum - flat[(channel, column)]) - batch.change[(channel, column)];
-                // A picture that is white or black does not say how much too bright or dark a guess is.
+                let error = OUTPUT_UNIT * (sum - flat[(channel, column)]) - batch.change[(channel, column)];
+                // A clipped pixel does not say by how much its change is larger, so a guess beyond it is no error.
                 let held_out = error * batch.clipped[(channel, column)] > 0.0;
-                let relative = error / HUBER;
+                let relative = error / HUBER_DELTA;
                 let slope = if held_out { 0.0 } else { relative / (1.0 + relative * relative).sqrt() };
                 let slope = slope * per_pixel;
+                // The change at rest is subtracted from the output, hence the sign.
                 errors[(channel, column)] = -slope;
                 for (output, term) in outputs.as_mut_slice()[part].iter_mut().zip(terms.as_slice()) {
                     *output = slope * term;
@@ -212,7 +234,7 @@ impl Network {
             let mut row = outer_slope.row_mut(channel * TERMS);
             row += constant_slope.row(channel);
         }
-        let through = |weights: DMatrix<f32>, slopes: &DMatrix<f32>, forward: &Forward, inputs: &DMatrix<f32>| {
+        let through = |weights: DMatrix<f32>, slopes: &DMatrix<f32>, forward: &ForwardPass, inputs: &DMatrix<f32>| {
             let back = weights.columns(0, units).transpose() * slopes;
             back.component_mul(&forward.slopes) * inputs.transpose()
         };
@@ -221,13 +243,13 @@ impl Network {
         [inner_slope, outer_slope]
     }
 
-    /// The rows of `outer` for the constant terms.
-    fn constants(&self) -> DMatrix<f32> {
+    /// Returns the rows of `outer` for the constant terms: on a flat pad n_x = n_y = 0, and all other terms vanish.
+    fn constant_rows(&self) -> DMatrix<f32> {
         DMatrix::from_fn(3, self.outer.ncols(), |channel, j| self.outer[(channel * TERMS, j)])
     }
 }
 
-/// Adam's memory of slopes.
+/// Adam's running means of the slopes and of their squares.
 struct Adam {
     mean: Vec<f32>,
     square: Vec<f32>,
@@ -235,7 +257,7 @@ struct Adam {
 }
 
 impl Adam {
-    const KEPT: [f32; 2] = [0.9, 0.995];
+    const DECAY_RATES: [f32; 2] = [0.9, 0.995];
 
     fn new(count: usize) -> Self {
         Self { mean: vec![0.0; count], square: vec![0.0; count], steps: 0 }
@@ -243,8 +265,8 @@ impl Adam {
 
     fn step(&mut self, weights: &mut [f32], slopes: &[f32], rate: f32, decay: f32) {
         self.steps += 1;
-        let [kept, kept_square] = Self::KEPT;
-        let [seen, seen_square] = Self::KEPT.map(|kept| 1.0 - kept.powi(self.steps));
+        let [kept, kept_square] = Self::DECAY_RATES;
+        let [seen, seen_square] = Self::DECAY_RATES.map(|kept| 1.0 - kept.powi(self.steps));
         let memory = self.mean.iter_mut().zip(&mut self.square);
         for ((weight, slope), (mean, square)) in weights.iter_mut().zip(slopes).zip(memory) {
             *mean = kept * *mean + (1.0 - kept) * slope;
@@ -261,18 +283,18 @@ mod tests {
 
     #[test]
     fn gradients_are_slopes_of_the_loss() {
-        let mut random = stream(7, "calibration", 1);
-        let mut pixels = Pixels::default();
+        let mut random = random_stream(7, "calibration", 1);
+        let mut pixels = PixelSamples::default();
         for k in 0..64 {
-            let mut unit = || random.unit() as f32;
+            let mut unit = || random.uniform() as f32;
             pixels.normals.push([unit() - 0.5, unit() - 0.5]);
             pixels.inputs.push(std::array::from_fn(|_| unit()));
             pixels.change.push([unit() - 0.5, unit() - 0.5, unit()]);
             pixels.clipped.push([0.0, 0.0, f32::from(u8::from(k % 3 == 0))]);
         }
-        let scales = Scales { height_mm: 0.7, place_mm: 1.3 };
-        let mut network = Network::start(4, &mut random);
-        network.outer.iter_mut().for_each(|weight| *weight = 0.3 * random.normal() as f32);
+        let scales = InputScales { height_mm: 0.7, place_mm: 1.3 };
+        let mut network = Network::with_random_weights(4, &mut random);
+        network.outer.iter_mut().for_each(|weight| *weight = 0.3 * random.standard_normal() as f32);
         let mut batch = Batch::new(64);
         batch.draw(&pixels, &scales, &mut random);
         // In f64, so that differences are meaningful.
@@ -296,10 +318,11 @@ mod tests {
                         })
                         .sum();
                     let value = value - outputs(&batch.at_rest, column, channel * TERMS);
-                    let error = f64::from(UNIT) * value - f64::from(batch.change[(channel, column)]);
+                    let error = f64::from(OUTPUT_UNIT) * value - f64::from(batch.change[(channel, column)]);
                     if error * f64::from(batch.clipped[(channel, column)]) <= 0.0 {
-                        let relative = error / f64::from(HUBER);
-                        sum += (1.0 + relative * relative).sqrt() * f64::from(HUBER) / f64::from(UNIT) / 64.0;
+                        let relative = error / f64::from(HUBER_DELTA);
+                        sum +=
+                            (1.0 + relative * relative).sqrt() * f64::from(HUBER_DELTA) / f64::from(OUTPUT_UNIT) / 64.0;
                     }
                 }
             }

@@ -1,65 +1,67 @@
-//! Why no image of one folder belongs to one of another, and what would give them counterparts.
+//! Explains why no image of one folder has a counterpart in another, and what would give them counterparts.
 
 use std::path::Path;
 
-use super::images::Images;
-use crate::presses::Column;
+use super::images::FolderImages;
+use crate::presses::PressColumn;
 
-/// What two folders are that have no pair of images.
+/// Two folders without a pair of images.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MissingPairs {
     real: String,
     sim: String,
-    real_is: Real,
-    sim_is: Sim,
+    real_is: RealSide,
+    sim_is: SimSide,
 }
 
-/// What the real side is.
+/// Kind of the real side.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Real {
-    /// A dataset by gelsim: made, not real.
+enum RealSide {
+    /// A dataset of gelsim's own, so not of a real sensor.
     Dataset,
-    /// A table of presses; whether each press can be simulated from it, and if not, the columns that it lacks.
+    /// A table of presses, with the columns that are missing to simulate each press; none missing if the list is empty.
     Table(Vec<&'static str>),
-    /// Images alone.
+    /// Images without a table.
     Images,
 }
 
-/// What the simulated side is.
+/// Kind of the simulated side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Sim {
+enum SimSide {
+    /// Images.
     Images,
+    /// A dataset of a flat sensor.
     Flat,
     /// A dataset of a sensor whose gel has a shape, which calibrate does not simulate.
     Shaped,
 }
 
 impl MissingPairs {
-    /// What two sides are.
-    pub fn between([real_path, sim_path]: [&Path; 2], real: &Images, sim: &Images) -> Self {
-        let needed = [Column::CentreX, Column::CentreY, Column::Radius, Column::BallRadius];
+    /// Classifies two sides.
+    pub fn from_sides([real_path, sim_path]: [&Path; 2], real: &FolderImages, sim: &FolderImages) -> Self {
+        let needed = [PressColumn::CentreX, PressColumn::CentreY, PressColumn::Radius, PressColumn::BallRadius];
         let real_is = match real {
-            Images::Dataset(_) => Real::Dataset,
-            Images::Sensors(sensors) => match sensors.iter().find_map(|sensor| sensor.table.as_ref()) {
-                None => Real::Images,
-                Some(table) => {
-                    Real::Table(needed.into_iter().filter(|column| !table.has(*column)).map(Column::name).collect())
-                }
+            FolderImages::Dataset(_) => RealSide::Dataset,
+            FolderImages::Sensors(sensors) => match sensors.iter().find_map(|sensor| sensor.table.as_ref()) {
+                None => RealSide::Images,
+                Some(table) => RealSide::Table(
+                    needed.into_iter().filter(|column| !table.has_column(*column)).map(PressColumn::name).collect(),
+                ),
             },
         };
         let sim_is = match sim {
-            Images::Sensors(_) => Sim::Images,
-            Images::Dataset(dataset) if dataset.job.sensor.shape.is_some() => Sim::Shaped,
-            Images::Dataset(_) => Sim::Flat,
+            FolderImages::Sensors(_) => SimSide::Images,
+            FolderImages::Dataset(dataset) if dataset.job.sensor.shape.is_some() => SimSide::Shaped,
+            FolderImages::Dataset(_) => SimSide::Flat,
         };
         Self { real: real_path.display().to_string(), sim: sim_path.display().to_string(), real_is, sim_is }
     }
 
-    /// What to do, in sentences.
-    pub fn text(&self) -> String {
+    /// Returns what to do, in sentences.
+    pub fn to_advice(&self) -> String {
         let Self { real, sim, real_is, sim_is } = self;
         let by_name = match sim_is {
-            Sim::Images => {
+            SimSide::Images => {
                 format!("To compare image by image, give the images in {sim} the names of their real counterparts.")
             }
             _ => String::from(
@@ -74,15 +76,15 @@ impl MissingPairs {
             )
         };
         match (real_is, sim_is) {
-            (Real::Dataset, _) => String::from(
+            (RealSide::Dataset, _) => String::from(
                 "Images of a dataset never pair: their numbers stand for no real press. Name real images first.",
             ),
-            (_, Sim::Shaped) => by_name,
-            (Real::Table(lacking), _) if lacking.is_empty() => simulate(""),
-            (Real::Table(lacking), _) => {
+            (_, SimSide::Shaped) => by_name,
+            (RealSide::Table(lacking), _) if lacking.is_empty() => simulate(""),
+            (RealSide::Table(lacking), _) => {
                 simulate(&format!(", once {real}/annotations.csv has the columns {}", lacking.join(", ")))
             }
-            (Real::Images, _) => format!(
+            (RealSide::Images, _) => format!(
                 "{by_name}\n{}",
                 simulate(&format!(
                     ", once {real}/annotations.csv says for each image the circle and the ball's radius: file,centre_x_px,\

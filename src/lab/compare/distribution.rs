@@ -1,34 +1,35 @@
-//! How far two sets of images are apart as sets, whatever they show: colours, edges and grain.
+//! Distances between two sets of images as sets, whatever they show: colours, edges and grain.
 //!
-//! Histograms are compared by the earth mover's distance (Rubner, Tomasi and Guibas 2000), which in one dimension is
-//! the area between two cumulative distributions: how far values must be moved on average. Nothing is learned, no
+//! Histograms are compared by the earth mover's distance (Rubner, Tomasi and Guibas 2000). In one dimension it is the
+//! area between two cumulative distributions: how far values must be moved on average. Nothing is learned, and no
 //! network is needed.
 
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
-use super::spectrum::{OCTAVES, octave, octave_powers};
+use super::spectrum::{OCTAVES, octave_bounds, octave_powers};
 
-/// Slopes per grey level in their histogram.
+/// Bins of the histogram of slopes per grey level.
 const BINS_PER_LEVEL: f64 = 8.0;
-/// The steepest slope there can be is 255 / sqrt(2) grey levels per pixel.
+/// Number of bins: the steepest possible slope is 255 / sqrt(2) grey levels per pixel.
 const SLOPE_BINS: usize = 1444;
-/// The fraction of the steepest slopes that counts as edges.
-const EDGES: f64 = 0.05;
-/// Power of what rounding to 8 bits adds to the mean of three channels: keeps ratios finite where an image has none.
+/// Fraction of the pixels, those with the steepest slopes, that counts as edges.
+const EDGE_FRACTION: f64 = 0.05;
+/// Power that rounding to 8 bits adds to the mean of three channels, grey levels^2. It keeps ratios finite where an
+/// image has no power.
 const ROUNDING: f64 = 1.0 / 36.0;
 
-/// What is counted of a set of images.
+/// Counts over a set of images.
 #[derive(Clone, Debug)]
 pub struct Tally {
-    /// How many images.
+    /// Number of images.
     pub images: u64,
-    /// How many pixels have a level, of each channel.
+    /// Number of pixels at each level, per channel.
     levels: [[u64; 256]; 3],
-    /// How many pixels have a slope.
+    /// Number of pixels in each bin of slopes.
     slopes: Vec<u64>,
     slope_sum: f64,
-    /// Sum of the images' powers in each octave, and of how many images.
+    /// For each octave the sum of the images' powers, and the number of images in it.
     powers: [(f64, u64); OCTAVES],
 }
 
@@ -40,7 +41,7 @@ impl Default for Tally {
 }
 
 impl Tally {
-    /// Of one image.
+    /// Counts one image.
     pub fn from_image(image: &RgbImage) -> Self {
         let mut tally = Self { images: 1, ..Self::default() };
         for Rgb(rgb) in image.pixels() {
@@ -53,7 +54,7 @@ impl Tally {
         tally
     }
 
-    /// Slopes of the grey image by centred differences; the outermost pixels have none.
+    /// Counts the slopes of the grey image, by centred differences. The outermost pixels have none.
     fn count_slopes(&mut self, image: &RgbImage) {
         let width = image.width() as usize;
         let greys: Vec<i32> = image.pixels().map(|Rgb(rgb)| rgb.iter().map(|value| i32::from(*value)).sum()).collect();
@@ -62,7 +63,7 @@ impl Tally {
             let (above, row, below) = (three[0], three[1], three[2]);
             for x in 1..width.saturating_sub(1) {
                 let (across, down) = (row[x + 1] - row[x - 1], below[x] - above[x]);
-                // Two pixels apart, and three channels.
+                // Centred differences span two pixels, and the greys are sums of three channels.
                 let slope = f64::from(across * across + down * down).sqrt() / 6.0;
                 self.slopes[(slope * BINS_PER_LEVEL) as usize] += 1;
                 self.slope_sum += slope;
@@ -70,7 +71,7 @@ impl Tally {
         }
     }
 
-    /// Adds another set.
+    /// Adds the counts of another set.
     pub fn add(&mut self, other: &Self) {
         self.images += other.images;
         self.slope_sum += other.slope_sum;
@@ -81,13 +82,14 @@ impl Tally {
         }
     }
 
+    /// Mean slope, grey levels per pixel; NaN without pixels.
     fn mean_slope(&self) -> f64 {
-        self.slope_sum / total(&self.slopes)
+        self.slope_sum / total_count(&self.slopes)
     }
 
-    /// Mean of the steepest slopes, by their histogram.
-    fn edges(&self) -> f64 {
-        let wanted = EDGES * total(&self.slopes);
+    /// Mean of the steepest slopes, from their histogram.
+    fn mean_edge_slope(&self) -> f64 {
+        let wanted = EDGE_FRACTION * total_count(&self.slopes);
         let (mut left, mut sum) = (wanted, 0.0);
         for (bin, count) in self.slopes.iter().enumerate().rev() {
             let taken = left.min(*count as f64);
@@ -97,14 +99,15 @@ impl Tally {
         sum / wanted
     }
 
-    fn power(&self, number: usize) -> Option<f64> {
+    /// Mean power in an octave, grey levels^2; None if no image has it.
+    fn octave_power(&self, number: usize) -> Option<f64> {
         let (sum, count) = self.powers[number];
         (count > 0).then(|| sum / count as f64 + ROUNDING)
     }
 }
 
-/// How far the simulated set is from the real one. Ratios are simulated / real; None where the real value is 0 or there
-/// is none.
+/// Distances of the simulated set from the real one. Ratios are simulated / real; None where the real value is 0 or
+/// unknown.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Distances {
     /// Images in the real set.
@@ -121,7 +124,7 @@ pub struct Distances {
     pub spectrum_rms: Option<f64>,
 }
 
-/// One channel's levels.
+/// Levels of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Channel {
     /// Earth mover's distance of the histograms, grey levels.
@@ -143,7 +146,7 @@ pub struct Slopes {
     pub edge_ratio: Option<f64>,
 }
 
-/// Power in an octave.
+/// Power in an octave of frequency.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Octave {
     /// Lower and upper frequency.
@@ -159,20 +162,20 @@ impl Distances {
             let (real, sim) = (&real.levels[channel], &sim.levels[channel]);
             let [[real_mean, real_deviation], [sim_mean, sim_deviation]] = [real, sim].map(mean_and_deviation);
             Channel {
-                emd: earth_movers(real, sim),
+                emd: earth_movers_distance(real, sim),
                 mean_shift: sim_mean - real_mean,
                 deviation_ratio: ratio(sim_deviation, real_deviation),
             }
         });
         let slopes = Slopes {
-            emd: earth_movers(&real.slopes, &sim.slopes) / BINS_PER_LEVEL,
+            emd: earth_movers_distance(&real.slopes, &sim.slopes) / BINS_PER_LEVEL,
             mean_ratio: ratio(sim.mean_slope(), real.mean_slope()),
-            edge_ratio: ratio(sim.edges(), real.edges()),
+            edge_ratio: ratio(sim.mean_edge_slope(), real.mean_edge_slope()),
         };
         let octaves: Vec<Octave> = (0..OCTAVES)
             .filter_map(|number| {
-                let log10_ratio = libm::log10(sim.power(number)? / real.power(number)?);
-                Some(Octave { cycles_per_px: octave(number), log10_ratio })
+                let log10_ratio = libm::log10(sim.octave_power(number)? / real.octave_power(number)?);
+                Some(Octave { cycles_per_px: octave_bounds(number), log10_ratio })
             })
             .collect();
         let squares: f64 = octaves.iter().map(|octave| octave.log10_ratio * octave.log10_ratio).sum();
@@ -185,13 +188,13 @@ fn ratio(sim: f64, real: f64) -> Option<f64> {
     (real > 0.0 && sim.is_finite()).then(|| sim / real)
 }
 
-fn total(counts: &[u64]) -> f64 {
+fn total_count(counts: &[u64]) -> f64 {
     counts.iter().sum::<u64>() as f64
 }
 
-/// 0 without pixels.
+/// Mean and standard deviation of a histogram of levels; 0 without pixels.
 fn mean_and_deviation(levels: &[u64; 256]) -> [f64; 2] {
-    let total = total(levels).max(1.0);
+    let total = total_count(levels).max(1.0);
     let moment = |of: &dyn Fn(f64) -> f64| {
         levels.iter().enumerate().map(|(level, count)| *count as f64 * of(level as f64)).sum::<f64>() / total
     };
@@ -199,9 +202,9 @@ fn mean_and_deviation(levels: &[u64; 256]) -> [f64; 2] {
     [mean, moment(&|level| (level - mean) * (level - mean)).sqrt()]
 }
 
-/// The area between two cumulative distributions, bins; 0 if one of them is of nothing.
-fn earth_movers(a: &[u64], b: &[u64]) -> f64 {
-    let (all_a, all_b) = (total(a), total(b));
+/// Area between two cumulative distributions, bins; 0 if one of the histograms is empty.
+fn earth_movers_distance(a: &[u64], b: &[u64]) -> f64 {
+    let (all_a, all_b) = (total_count(a), total_count(b));
     if all_a == 0.0 || all_b == 0.0 {
         return 0.0;
     }
@@ -291,7 +294,7 @@ mod tests {
         image.put_pixel(1, 2, Rgb([255; 3]));
         let slope = 255.0 / 2.0_f64.sqrt();
         assert!((Tally::from_image(&image).mean_slope() - slope).abs() < 1e-9);
-        assert!((Tally::from_image(&image).edges() - slope).abs() < 1.0 / BINS_PER_LEVEL);
+        assert!((Tally::from_image(&image).mean_edge_slope() - slope).abs() < 1.0 / BINS_PER_LEVEL);
     }
 
     proptest! {
@@ -310,7 +313,7 @@ mod tests {
                 values.sort_unstable();
                 values
             };
-            let found = earth_movers(&counts(&a), &counts(&b));
+            let found = earth_movers_distance(&counts(&a), &counts(&b));
             let moved: u32 = sorted(a).iter().zip(sorted(b)).map(|(a, b)| u32::from(a.abs_diff(b))).sum();
             prop_assert!((found - f64::from(moved) / 40.0).abs() < 1e-9);
         }

@@ -1,89 +1,89 @@
-//! The images that a folder holds: of a sensor, of several, or of a dataset.
+//! The images in a folder: of one sensor, of several sensors, or of a dataset.
 //!
-//! A sensor's folder has `annotations.csv`, whose presses are its images, or else image files, in it or in `images/`. A
-//! folder of such folders is several sensors. Of the samples of a dataset that lie in a folder the tactile images are taken.
-//! Only images of 8 bits a channel are read.
+//! A sensor's folder has `annotations.csv`, whose presses are its images, or image files in it or in its `images/`. A
+//! folder of such folders holds several sensors. From samples of a dataset that lie in a folder, only the tactile
+//! images are taken. Images must have 8 bits a channel.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use image::{ColorType, RgbImage};
 
-use crate::presses::{self, Circle, Table};
-use gelsim_dataset::recorded::Recorded;
+use crate::presses::{self, Circle, PressTable};
+use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::image_file;
 use gelsim_files::input;
-use gelsim_files::store::Address;
+use gelsim_files::store::StoreAddress;
 
-/// The table of a sensor's folder.
-const TABLE: &str = "annotations.csv";
+/// Name of the table in a sensor's folder.
+const TABLE_NAME: &str = "annotations.csv";
 
-/// What stands in a folder.
-pub enum Images {
-    /// Sensors by name; one if the folder is a sensor's.
+/// Images in a folder.
+pub enum FolderImages {
+    /// Sensors by name; a single one if the folder is a sensor's.
     Sensors(Vec<SensorImages>),
     /// A dataset by gelsim.
-    Dataset(Box<Recorded>),
+    Dataset(Box<RecordedDataset>),
 }
 
-/// The images of a sensor; at least one.
+/// Images of a sensor; at least one.
 pub struct SensorImages {
     /// The folder's name.
     pub name: String,
     /// The images.
-    pub images: Vec<Entry>,
-    /// Where they are listed, if they are.
-    pub table: Option<Table>,
+    pub images: Vec<ImageEntry>,
+    /// Table that lists them, if there is one.
+    pub table: Option<PressTable>,
 }
 
 /// One image.
 #[derive(Clone, Debug)]
-pub struct Entry {
+pub struct ImageEntry {
     /// Path relative to the sensor's folder, as the table has it.
     pub name: String,
     /// Where it can be read.
     pub path: PathBuf,
     /// Where a ball touched, if that is known.
     pub circle: Option<Circle>,
-    /// Its line in the table.
+    /// Line in the table.
     line: Option<u64>,
 }
 
-impl Entry {
-    /// The name without folders.
-    pub fn base(&self) -> &str {
+impl ImageEntry {
+    /// Name without folders.
+    pub fn file_name(&self) -> &str {
         self.name.rsplit('/').next().unwrap_or(&self.name)
     }
 }
 
 /// An image that cannot be used.
 #[derive(Clone, Debug)]
-pub struct Unusable {
+pub struct UnusableImage {
     line: Option<u64>,
     problem: Diagnostic,
 }
 
-impl Unusable {
-    /// Why, with a way out.
-    pub fn new(entry: &Entry, problem: Diagnostic) -> Self {
+impl UnusableImage {
+    /// Creates it from an image and what is wrong with it.
+    pub fn new(entry: &ImageEntry, problem: Diagnostic) -> Self {
         Self { line: entry.line, problem }
     }
 
-    /// Said without the row in which the image is listed.
+    /// Returns the problem without the row that lists the image.
     pub fn report(&self) -> Report {
         self.problem.clone().into()
     }
 }
 
 impl SensorImages {
-    /// Shows what is wrong with its images; with their rows, if a table lists them.
-    pub fn report(&self, unusable: &[Unusable]) -> Report {
+    /// Builds a report of unusable images, with their rows if a table lists them.
+    pub fn report(&self, unusable: &[UnusableImage]) -> Report {
         let mut problems = Diagnostics::default();
-        for Unusable { line, problem } in unusable {
+        for UnusableImage { line, problem } in unusable {
             let place = match (&self.table, line) {
-                (Some(table), Some(line)) => table.problem(*line, "").place,
+                (Some(table), Some(line)) => table.row_problem(*line, "").place,
                 _ => None,
             };
             problems.push(problem.clone().at(place));
@@ -95,11 +95,11 @@ impl SensorImages {
     }
 }
 
-/// Finds the images in the folder `root`. No image is read yet.
-pub fn find(root: &Path) -> Result<Images, Report> {
+/// Finds the images in the folder `root`, without reading them yet.
+pub fn find_images(root: &Path) -> Result<FolderImages, Report> {
     let shown = root.display();
-    if Address::is_one(root) {
-        let help = "copy it, for example with `aws s3 sync` (docs/stores.md), and name the copy";
+    if StoreAddress::is_address(root) {
+        let help = "copy it, for example with `aws s3 sync` (docs/how-to/stores.md), and name the copy";
         return Err(user_error(format!("{shown} is in an object store, and is read from a folder"), help));
     }
     if !root.is_dir() {
@@ -110,38 +110,38 @@ pub fn find(root: &Path) -> Result<Images, Report> {
         ));
     }
     if root.join("job.toml").is_file() && root.join("data").is_dir() {
-        return Recorded::open(root).map(|dataset| Images::Dataset(Box::new(dataset)));
+        return RecordedDataset::open(root).map(|dataset| FolderImages::Dataset(Box::new(dataset)));
     }
-    if let Some(sensor) = sensor(root)? {
-        return Ok(Images::Sensors(vec![sensor]));
+    if let Some(sensor) = find_sensor(root)? {
+        return Ok(FolderImages::Sensors(vec![sensor]));
     }
     let (mut sensors, mut wrong) = (Vec::new(), Report::default());
-    for folder in listed(root)?.into_iter().filter(|path| path.is_dir()) {
-        match sensor(&folder) {
+    for folder in list_folder(root)?.into_iter().filter(|path| path.is_dir()) {
+        match find_sensor(&folder) {
             Ok(found) => sensors.extend(found),
-            Err(report) => wrong = wrong.and(report),
+            Err(report) => wrong = wrong.merged_with(report),
         }
     }
     if sensors.is_empty() && wrong.is_empty() {
         let help = format!(
             "images are files named like {} in the folder or in images/, or what annotations.csv lists; or the same in its \
              subfolders, one per sensor",
-            image_file::NAMES
+            image_file::FORMAT_NAMES
         );
         return Err(user_error(format!("{shown}: no images in it"), help));
     }
-    if wrong.is_empty() { Ok(Images::Sensors(sensors)) } else { Err(wrong) }
+    if wrong.is_empty() { Ok(FolderImages::Sensors(sensors)) } else { Err(wrong) }
 }
 
-/// The sensor in a folder; None if it is no sensor's.
-fn sensor(folder: &Path) -> Result<Option<SensorImages>, Report> {
-    // Of `.` and `..` the name is that of the folder they stand for.
+/// Finds the sensor in a folder; None if there is no image in it.
+fn find_sensor(folder: &Path) -> Result<Option<SensorImages>, Report> {
+    // The paths `.` and `..` have no name of their own: take that of the folder.
     let named = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
     let name = named.file_name().map_or_else(|| String::from("/"), |name| name.to_string_lossy().into_owned());
-    let listing = folder.join(TABLE);
+    let listing = folder.join(TABLE_NAME);
     if listing.exists() {
         let table = presses::read(&listing)?;
-        let entry = |press: &presses::Press| Entry {
+        let entry = |press: &presses::PressRow| ImageEntry {
             name: press.file.trim_start_matches("./").to_owned(),
             path: press.path.clone(),
             circle: press.circle,
@@ -152,28 +152,29 @@ fn sensor(folder: &Path) -> Result<Option<SensorImages>, Report> {
     let mut images = Vec::new();
     for (prefix, folder) in [("", folder.to_owned()), ("images/", folder.join("images"))] {
         if folder.is_dir() {
-            let pictures =
-                listed(&folder)?.into_iter().filter(|path| image_file::is_named_like_one(path) && path.is_file());
+            let pictures = list_folder(&folder)?
+                .into_iter()
+                .filter(|path| image_file::has_image_extension(path) && path.is_file());
             let pictures: Vec<PathBuf> = pictures.collect();
-            // Beside these lie other layers of the same samples.
+            // In an unpacked dataset the layers of a sample lie next to its tactile image.
             let of_samples = pictures.iter().any(|path| is_tactile(path));
             let pictures = pictures.into_iter().filter(|path| !of_samples || is_tactile(path));
             images.extend(pictures.map(|path| {
                 let file = path.file_name().unwrap_or_default().to_string_lossy();
-                Entry { name: format!("{prefix}{file}"), path: path.clone(), circle: None, line: None }
+                ImageEntry { name: format!("{prefix}{file}"), path: path.clone(), circle: None, line: None }
             }));
         }
     }
     Ok((!images.is_empty()).then_some(SensorImages { name, images, table: None }))
 }
 
-/// True of the tactile image of a dataset's sample.
+/// Returns true for the tactile image of a dataset's sample.
 fn is_tactile(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().ends_with(".tactile.png"))
 }
 
-/// What stands in a folder, sorted, without hidden files.
-fn listed(folder: &Path) -> Result<Vec<PathBuf>, Report> {
+/// Lists what is in a folder, sorted, without hidden files.
+fn list_folder(folder: &Path) -> Result<Vec<PathBuf>, Report> {
     let failed = |error| user_error(format!("cannot list {}: {error}", folder.display()), "make the folder readable");
     let mut paths = Vec::new();
     for entry in fs::read_dir(folder).map_err(failed)? {
@@ -185,10 +186,10 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>, Report> {
 }
 
 /// Reads an image of 8 bits a channel.
-pub fn read(entry: &Entry) -> Result<RgbImage, Unusable> {
+pub fn read_image(entry: &ImageEntry) -> Result<RgbImage, UnusableImage> {
     let decode = || -> Result<RgbImage, String> {
-        let bytes = input::read(&entry.path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string())?;
-        match image_file::header(&bytes)?.1 {
+        let bytes = input::read(&entry.path, input::MAX_IMAGE_BYTES).map_err(|error| error.to_string())?;
+        match image_file::read_header(&bytes)?.1 {
             ColorType::L8 | ColorType::La8 | ColorType::Rgb8 | ColorType::Rgba8 => image_file::decode_rgb(&bytes),
             _ => Err(String::from("it has more than 8 bits a channel")),
         }
@@ -207,6 +208,6 @@ pub fn read(entry: &Entry) -> Result<RgbImage, Unusable> {
             )
         };
         let problem = Diagnostic::new(format!("cannot read the image {path}: {reason}"));
-        Unusable::new(entry, problem.of(path, cause).help(help))
+        UnusableImage::new(entry, problem.about(path, cause).help(help))
     })
 }

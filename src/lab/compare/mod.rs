@@ -1,7 +1,8 @@
-//! How far simulated images are from real ones: image by image where they are of the same presses, and as sets.
+//! Distances between simulated and real images: image by image where they show the same presses, and as sets.
 //!
-//! Folders become sensors with images (`images`), these become pairs (`pairs`); pairs are scored (`score`), sets are
-//! compared by what they look like as a whole (`distribution`, `spectrum`), and that is put in words (`verdict`).
+//! Folders become sensors with images (`images`), and these become pairs (`pairs`). Pairs are scored (`score`), sets
+//! are compared by their colours, edges and grain (`distribution`, `spectrum`), and the result is put into words
+//! (`verdict`).
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -10,8 +11,8 @@ use image::RgbImage;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use gelsim_dataset::archive::Files;
-use gelsim_dataset::recorded::Recorded;
+use gelsim_dataset::archive::SampleFiles;
+use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::image_file;
 
@@ -27,15 +28,15 @@ pub mod verdict;
 
 use counterparts::MissingPairs;
 use distribution::{Distances, Tally};
-use images::{Entry, SensorImages, Unusable};
-use pairs::{Group, Side};
-use score::{Score, Scores, score};
-use verdict::{Scenes, verdict};
+use images::{ImageEntry, SensorImages, UnusableImage};
+use pairs::{ComparedSet, ComparisonGroup};
+use score::{Score, Scores, score_images};
+use verdict::{Scenes, describe_distances};
 
-/// Images of a set that is not paired: more do not change what it looks like.
-const MOST_OF_A_SET: usize = 1000;
+/// Most images of a set without pairs that are read: more do not change its distributions.
+const MAX_SET_IMAGES: usize = 1000;
 
-/// All that is known of the distance between two folders of images.
+/// Distances between two folders of images.
 #[derive(Clone, Debug, Serialize)]
 pub struct Comparison {
     /// Radius of what counts as the contact, circle radii.
@@ -46,12 +47,12 @@ pub struct Comparison {
     pub total: Option<Means>,
     /// One per pair.
     pub images: Vec<ImageRow>,
-    /// What has no counterpart, or was not looked at.
+    /// Warnings and notes: images without a counterpart, images that were not read.
     pub notes: Vec<String>,
-    /// The same with ways out.
+    /// The notes, with what to do about each.
     #[serde(skip)]
     pub diagnostics: Vec<Diagnostic>,
-    /// Why no two images belong together, where none do.
+    /// Why no two images belong together, if none do.
     #[serde(skip)]
     pub missing: Option<MissingPairs>,
 }
@@ -63,9 +64,9 @@ pub struct SensorRow {
     pub sensor: String,
     /// Means over its pairs; None if no two images belong together.
     pub means: Option<Means>,
-    /// Its images as sets: those of its pairs, or all.
+    /// Distances of its images as sets: of those in pairs, or of all.
     pub distances: Distances,
-    /// Which way the simulated set is off, in words; without pairs only how it differs, since the presses do, too.
+    /// In which way the simulated set differs, in words. Without pairs the presses differ, too.
     pub verdict: String,
 }
 
@@ -77,7 +78,7 @@ pub struct Means {
     /// Over all pixels.
     #[serde(rename = "whole")]
     pub full_image: Score,
-    /// How many of them have a contact in view.
+    /// Number of pairs with a contact in view.
     pub contacts: usize,
     /// Over the pixels in the contact.
     pub contact: Option<Score>,
@@ -88,43 +89,44 @@ pub struct Means {
 pub struct ImageRow {
     /// Name of the sensor's folder.
     pub sensor: String,
-    /// The real image's path relative to that.
+    /// The real image's path relative to that folder.
     pub file: String,
-    /// Its distances.
+    /// Distances of the two images.
     #[serde(flatten)]
     pub scores: Scores,
-    /// The two files.
+    /// Real and simulated file.
     #[serde(skip)]
-    entries: [Entry; 2],
+    entries: [ImageEntry; 2],
 }
 
-/// Compares the images in two folders; the contact is the annotated circle with its radius times `dilate`.
-pub fn compare(real: &Path, sim: &Path, dilate: f64) -> Result<Comparison, Report> {
+/// Compares the images in two folders. The contact is the annotated circle with its radius times `dilate`. An error
+/// reports everything that cannot be read.
+pub fn compare_folders(real: &Path, sim: &Path, dilate: f64) -> Result<Comparison, Report> {
     let folders = [real, sim];
-    let (real, sim) = match (images::find(real), images::find(sim)) {
+    let (real, sim) = match (images::find_images(real), images::find_images(sim)) {
         (Ok(real), Ok(sim)) => (real, sim),
         (real, sim) => {
-            return Err([real.err(), sim.err()].into_iter().flatten().fold(Report::default(), Report::and));
+            return Err([real.err(), sim.err()].into_iter().flatten().fold(Report::default(), Report::merged_with));
         }
     };
-    let (groups, mut notes) = pairs::pair(&real, &sim);
-    let is_apart = groups.iter().any(|group| matches!(group, Group::Apart { .. }));
-    let missing = is_apart.then(|| MissingPairs::between(folders, &real, &sim));
+    let (groups, mut notes) = pairs::group_images(&real, &sim);
+    let is_apart = groups.iter().any(|group| matches!(group, ComparisonGroup::Unpaired { .. }));
+    let missing = is_apart.then(|| MissingPairs::from_sides(folders, &real, &sim));
     let (mut sensors, mut images, mut wrong) = (Vec::new(), Vec::new(), Report::default());
     for group in groups {
         let result = match group {
-            Group::Paired { real, sim, pairs } => paired(real, sim, &pairs, dilate, &mut images),
-            Group::Apart { name, real, sim } => apart(name, &real, &sim, &mut notes),
+            ComparisonGroup::Paired { real, sim, pairs } => compare_pairs(real, sim, &pairs, dilate, &mut images),
+            ComparisonGroup::Unpaired { name, real, sim } => compare_sets(name, &real, &sim, &mut notes),
         };
         match result {
             Ok(sensor) => sensors.push(sensor),
-            Err(report) => wrong = wrong.and(report),
+            Err(report) => wrong = wrong.merged_with(report),
         }
     }
     if !wrong.is_empty() {
         return Err(wrong);
     }
-    let texts = notes.iter().map(Diagnostic::text).collect();
+    let texts = notes.iter().map(Diagnostic::full_message).collect();
     Ok(Comparison {
         dilate,
         sensors,
@@ -148,11 +150,11 @@ impl Means {
     }
 }
 
-/// Compares image by image, and adds the images' rows to `images`.
-fn paired(
+/// Compares image by image. Adds the images' rows to `images`, and returns the row of the sensor.
+fn compare_pairs(
     real: &SensorImages,
     sim: &SensorImages,
-    pairs: &[(&Entry, &Entry)],
+    pairs: &[(&ImageEntry, &ImageEntry)],
     dilate: f64,
     images: &mut Vec<ImageRow>,
 ) -> Result<SensorRow, Report> {
@@ -162,7 +164,7 @@ fn paired(
     let (mut real_tally, mut sim_tally) = (Tally::default(), Tally::default());
     let (mut real_unusable, mut sim_unusable) = (Vec::new(), Vec::new());
     for block in pairs.chunks(BLOCK) {
-        let compared: Vec<_> = block.par_iter().map(|(real, sim)| compared(real, sim, dilate)).collect();
+        let compared: Vec<_> = block.par_iter().map(|(real, sim)| compare_pair(real, sim, dilate)).collect();
         for ((real_entry, sim_entry), compared) in block.iter().zip(compared) {
             match compared {
                 Ok((scores, [of_real, of_sim])) => {
@@ -180,21 +182,21 @@ fn paired(
             }
         }
     }
-    let wrong = real.report(&real_unusable).and(sim.report(&sim_unusable));
+    let wrong = real.report(&real_unusable).merged_with(sim.report(&sim_unusable));
     if !wrong.is_empty() {
         return Err(wrong);
     }
     let distances = Distances::between(&real_tally, &sim_tally);
-    let verdict = verdict(&distances, Scenes::Same);
+    let verdict = describe_distances(&distances, Scenes::Same);
     Ok(SensorRow { sensor: real.name.clone(), means: Means::from_rows(&images[first..]), distances, verdict })
 }
 
-/// What is wrong with either of two images.
-type UnusablePair = Box<[Option<Unusable>; 2]>;
+/// Problems of a pair: of the real image, of the simulated one.
+type UnusablePair = Box<[Option<UnusableImage>; 2]>;
 
-/// Scores and tallies of two images.
-fn compared(real: &Entry, sim: &Entry, dilate: f64) -> Result<(Scores, [Tally; 2]), UnusablePair> {
-    let (real_image, sim_image) = match (images::read(real), images::read(sim)) {
+/// Scores a pair, and tallies its images.
+fn compare_pair(real: &ImageEntry, sim: &ImageEntry, dilate: f64) -> Result<(Scores, [Tally; 2]), UnusablePair> {
+    let (real_image, sim_image) = match (images::read_image(real), images::read_image(sim)) {
         (Ok(real), Ok(sim)) => (real, sim),
         (real, sim) => return Err(Box::new([real.err(), sim.err()])),
     };
@@ -203,37 +205,50 @@ fn compared(real: &Entry, sim: &Entry, dilate: f64) -> Result<(Scores, [Tally; 2
         let (real_path, sim_path) = (real.path.display(), sim.path.display());
         let message = format!("{real_path} is {w}x{h} px, and {sim_path} is {v}x{g} px");
         let problem = Diagnostic::new(message)
-            .of(real.name.as_str(), format!("real images are {w}x{h} px, and their simulated counterparts {v}x{g} px"))
+            .about(
+                real.name.as_str(),
+                format!("real images are {w}x{h} px, and their simulated counterparts {v}x{g} px"),
+            )
             .help(format!("simulate with `resolution_px = [{w}, {h}]` in the sensor, or resize one of the two sides"));
-        return Err(Box::new([Some(Unusable::new(real, problem)), None]));
+        return Err(Box::new([Some(UnusableImage::new(real, problem)), None]));
     }
-    let scores = score(&real_image, &sim_image, real.circle.as_ref(), dilate);
+    let scores = score_images(&real_image, &sim_image, real.circle.as_ref(), dilate);
     Ok((scores, [Tally::from_image(&real_image), Tally::from_image(&sim_image)]))
 }
 
-/// Compares two sets.
-fn apart(name: String, real: &Side, sim: &Side, notes: &mut Vec<Diagnostic>) -> Result<SensorRow, Report> {
-    let (real, sim) = match (tally(real, notes), tally(sim, notes)) {
+/// Compares two sets whose images do not pair.
+fn compare_sets(
+    name: String,
+    real: &ComparedSet,
+    sim: &ComparedSet,
+    notes: &mut Vec<Diagnostic>,
+) -> Result<SensorRow, Report> {
+    let (real, sim) = match (tally_side(real, notes), tally_side(sim, notes)) {
         (Ok(real), Ok(sim)) => (real, sim),
         (real, sim) => {
-            return Err([real.err(), sim.err()].into_iter().flatten().fold(Report::default(), Report::and));
+            return Err([real.err(), sim.err()].into_iter().flatten().fold(Report::default(), Report::merged_with));
         }
     };
     let distances = Distances::between(&real, &sim);
-    let verdict = verdict(&distances, Scenes::Different);
+    let verdict = describe_distances(&distances, Scenes::Different);
     Ok(SensorRow { sensor: name, means: None, distances, verdict })
 }
 
-/// Tally of a set, or of as many of its images, evenly spread, as are needed.
-fn tally(side: &Side, notes: &mut Vec<Diagnostic>) -> Result<Tally, Report> {
+/// Tallies a set: all its images, or at most [`MAX_SET_IMAGES`] of them, evenly spread.
+fn tally_side(side: &ComparedSet, notes: &mut Vec<Diagnostic>) -> Result<Tally, Report> {
     let (tally, looked, all, what) = match side {
-        Side::Files(entries) => {
+        ComparedSet::Files(entries) => {
             let tally = tally_files(entries)?;
             (tally.clone(), tally.images, entries.len() as u64, "images")
         }
-        Side::Dataset(dataset) => {
+        ComparedSet::Dataset(dataset) => {
             let (tally, samples) = tally_dataset(dataset)?;
-            (tally, samples, dataset.layout.samples(), if is_of_one(dataset) { "images" } else { "samples" })
+            (
+                tally,
+                samples,
+                dataset.layout.sample_count(),
+                if has_single_images(dataset) { "images" } else { "samples" },
+            )
         }
     };
     if looked < all {
@@ -242,11 +257,12 @@ fn tally(side: &Side, notes: &mut Vec<Diagnostic>) -> Result<Tally, Report> {
     Ok(tally)
 }
 
-fn tally_files(entries: &[&Entry]) -> Result<Tally, Report> {
-    let chosen: Vec<&&Entry> = entries.iter().step_by(entries.len().div_ceil(MOST_OF_A_SET).max(1)).collect();
+/// Tallies image files, evenly spread if there are too many.
+fn tally_files(entries: &[&ImageEntry]) -> Result<Tally, Report> {
+    let chosen: Vec<&&ImageEntry> = entries.iter().step_by(entries.len().div_ceil(MAX_SET_IMAGES).max(1)).collect();
     let (mut sum, mut wrong) = (Tally::default(), Diagnostics::default());
     let tallies: Vec<_> =
-        chosen.par_iter().map(|entry| images::read(entry).map(|image| Tally::from_image(&image))).collect();
+        chosen.par_iter().map(|entry| images::read_image(entry).map(|image| Tally::from_image(&image))).collect();
     for tally in tallies {
         match tally {
             Ok(tally) => sum.add(&tally),
@@ -256,21 +272,21 @@ fn tally_files(entries: &[&Entry]) -> Result<Tally, Report> {
     if wrong.is_empty() { Ok(sum) } else { Err(Report::new(&wrong, &[])) }
 }
 
-/// True of a dataset whose samples are one image each: neither sequences nor grips.
-fn is_of_one(dataset: &Recorded) -> bool {
+/// Returns true for a dataset whose samples are one image each: neither sequences nor grips.
+fn has_single_images(dataset: &RecordedDataset) -> bool {
     dataset.job.sequence.is_none() && dataset.job.gripper.is_none()
 }
 
-/// Tally of a dataset, of all frames and fingers of each sample; and of how many samples.
-fn tally_dataset(dataset: &Recorded) -> Result<(Tally, u64), Report> {
-    let every = dataset.layout.samples().div_ceil(MOST_OF_A_SET as u64).max(1);
-    // What stands before it names the frame and the finger.
+/// Tallies a dataset, all frames and fingers of each sample. Returns the tally and the number of samples in it.
+fn tally_dataset(dataset: &RecordedDataset) -> Result<(Tally, u64), Report> {
+    let every = dataset.layout.sample_count().div_ceil(MAX_SET_IMAGES as u64).max(1);
+    // In sequences and grips the names of frame and finger come first.
     let is_tactile = |suffix: &str| suffix == "tactile.png" || suffix.ends_with(".tactile.png");
     let shard = |number: u64| -> Result<(Tally, u64), String> {
         let shard = dataset.layout.shard(number);
         let (mut sum, mut samples, mut wrong) = (Tally::default(), 0, None);
         let counts = |key: &str| key.parse::<u64>().is_ok_and(|index| index.is_multiple_of(every));
-        let visit = |files: Files| {
+        let visit = |files: SampleFiles| {
             if !counts(&files.key) {
                 return ControlFlow::Continue(());
             }
@@ -288,8 +304,8 @@ fn tally_dataset(dataset: &Recorded) -> Result<(Tally, u64), Report> {
             }
             if wrong.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let read = dataset.read(&shard, |head| is_tactile(head.suffix) && counts(head.key), visit);
-        let path = || dataset.paths(&shard).data;
+        let read = dataset.visit_samples(&shard, |head| is_tactile(head.suffix) && counts(head.key), visit);
+        let path = || dataset.shard_paths(&shard).data;
         read.and_then(|()| wrong.map_or(Ok(()), Err)).map_err(|reason| format!("{}: {reason}", path().display()))?;
         Ok((sum, samples))
     };
@@ -310,9 +326,9 @@ fn tally_dataset(dataset: &Recorded) -> Result<(Tally, u64), Report> {
     Ok((sum, samples))
 }
 
-/// The two images of a pair that was scored, read again.
-pub fn images_of(row: &ImageRow) -> Result<[RgbImage; 2], Report> {
+/// Reads the two images of a scored pair again.
+pub fn read_pair(row: &ImageRow) -> Result<[RgbImage; 2], Report> {
     let [real, sim] = &row.entries;
-    let read = |entry: &Entry| images::read(entry).map_err(|unusable| unusable.report());
+    let read = |entry: &ImageEntry| images::read_image(entry).map_err(|unusable| unusable.report());
     Ok([read(real)?, read(sim)?])
 }

@@ -6,14 +6,15 @@ use super::distribution::Distances;
 use super::score::Score;
 use super::{Comparison, Means, SensorRow};
 use crate::text_table::TextTable;
-use gelsim_dataset::encode::json;
+use gelsim_dataset::encode::to_json_line;
 
 /// Columns of the CSV.
 const COLUMNS: [&str; 8] =
     ["sensor", "file", "mae", "psnr_db", "ssim", "contact_mae", "contact_psnr_db", "contact_ssim"];
 
-/// One line per pair, under a line of names. Empty: no contact is known, or no PSNR because nothing differs.
-pub fn csv(comparison: &Comparison) -> Vec<u8> {
+/// Writes one line per pair, under a line of names. A cell is empty if no contact is known, or if PSNR is infinite
+/// because nothing differs.
+pub fn to_csv(comparison: &Comparison) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let written = "writing to memory, and every record has as many cells";
     writer.write_record(COLUMNS).expect(written);
@@ -29,30 +30,30 @@ pub fn csv(comparison: &Comparison) -> Vec<u8> {
     writer.into_inner().expect(written)
 }
 
-/// All of it.
+/// Writes the comparison as one line of JSON.
 pub fn to_json(comparison: &Comparison) -> Vec<u8> {
-    let mut text = json(comparison);
+    let mut text = to_json_line(comparison);
     text.push(b'\n');
     text
 }
 
-/// Tables of distances between images, if there are pairs, and between sets; then the sentences. `per_image` adds a
-/// line for each pair. For a terminal of so many columns.
-pub fn table(comparison: &Comparison, per_image: bool, columns: Option<usize>) -> String {
+/// Formats tables of distances between images, if there are pairs, and between sets, then the sentences. `per_image`
+/// adds a line for each pair. `columns` is the width of the terminal.
+pub fn to_text_table(comparison: &Comparison, per_image: bool, columns: Option<usize>) -> String {
     let mut text = match &comparison.total {
-        Some(total) => scores(comparison, total, per_image).render(columns),
+        Some(total) => build_score_table(comparison, total, per_image).render(columns),
         None => String::from("no two images belong together: only the sets are compared\n"),
     };
-    text = text + "\n" + &sets(comparison).render(columns) + "\n";
+    text = text + "\n" + &build_set_table(comparison).render(columns) + "\n";
     for row in &comparison.sensors {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{}: simulated against real: {}", row.sensor, row.verdict);
     }
-    text + &unpaired(comparison)
+    text + &explain_unpaired(comparison)
 }
 
-/// What the sentences of sets without pairs do not say, and how to have it said.
-fn unpaired(comparison: &Comparison) -> String {
+/// Explains what the sentences about sets without pairs cannot say, and how to get pairs.
+fn explain_unpaired(comparison: &Comparison) -> String {
     let apart: Vec<_> = comparison.sensors.iter().filter(|row| row.means.is_none()).collect();
     if apart.is_empty() {
         return String::new();
@@ -62,14 +63,14 @@ fn unpaired(comparison: &Comparison) -> String {
             format!("{sensor}: {real_images} real images against {sim_images} simulated ones of other presses")
         });
     let counts: Vec<String> = counts.collect();
-    let way_out = comparison.missing.as_ref().map(|missing| missing.text() + "\n").unwrap_or_default();
+    let way_out = comparison.missing.as_ref().map(|missing| missing.to_advice() + "\n").unwrap_or_default();
     format!(
         "\n{}.\nWhere, how deep and how often was pressed differs, too: this is no measure of the simulator.\n{way_out}",
         counts.join("\n")
     )
 }
 
-fn scores(comparison: &Comparison, total: &Means, per_image: bool) -> TextTable {
+fn build_score_table(comparison: &Comparison, total: &Means, per_image: bool) -> TextTable {
     let contact = format!("{} radii", comparison.dilate);
     let around = contact.as_str();
     let mut table = TextTable::new(&[
@@ -77,12 +78,12 @@ fn scores(comparison: &Comparison, total: &Means, per_image: bool) -> TextTable 
         ["sensor", "images", "MAE", "PSNR dB", "SSIM", "images", "MAE", "PSNR dB", "SSIM"],
     ]);
     let mut line = |name: &str, images: String, full_image: &Score, contacts: String, contact: Option<&Score>| {
-        let [mae, psnr, ssim] = figures(full_image);
+        let [mae, psnr, ssim] = score_cells(full_image);
         let contact = contact.map_or([const { String::new() }; 4], |score| {
-            let [mae, psnr, ssim] = figures(score);
+            let [mae, psnr, ssim] = score_cells(score);
             [contacts, mae, psnr, ssim]
         });
-        table.row([name.to_owned(), images, mae, psnr, ssim].into_iter().chain(contact));
+        table.add_row([name.to_owned(), images, mae, psnr, ssim].into_iter().chain(contact));
     };
     for sensor in &comparison.sensors {
         for row in comparison.images.iter().filter(|row| per_image && row.sensor == sensor.sensor) {
@@ -97,12 +98,12 @@ fn scores(comparison: &Comparison, total: &Means, per_image: bool) -> TextTable 
     table
 }
 
-fn figures(score: &Score) -> [String; 3] {
+fn score_cells(score: &Score) -> [String; 3] {
     let psnr = score.psnr_db.map_or(String::from("inf"), |psnr| format!("{psnr:.2}"));
     [format!("{:.3}", score.mae), psnr, format!("{:.4}", score.ssim)]
 }
 
-fn sets(comparison: &Comparison) -> TextTable {
+fn build_set_table(comparison: &Comparison) -> TextTable {
     let mut table = TextTable::new(&[
         ["sets", "real", "simulated", "red", "green", "blue", "slopes", "mean", "edge", "spectrum"],
         ["", "images", "images", "EMD (shift)", "EMD (shift)", "EMD (shift)", "EMD", "ratio", "ratio", "RMS log10"],
@@ -115,7 +116,7 @@ fn sets(comparison: &Comparison) -> TextTable {
         let spectrum = spectrum_rms.map_or(String::new(), |rms| format!("{rms:.3}"));
         let counts = [real_images, sim_images].map(ToString::to_string);
         let figures = [red, green, blue, format!("{:.2}", slopes.emd), mean, edge, spectrum];
-        table.row([row.sensor.clone()].into_iter().chain(counts).chain(figures));
+        table.add_row([row.sensor.clone()].into_iter().chain(counts).chain(figures));
     }
     table
 }

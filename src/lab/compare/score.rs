@@ -1,4 +1,5 @@
-//! How far a simulated image is from the real one of the same press: over the whole image, and around the contact.
+//! Distances between a simulated image and the real one of the same press: over the whole image, and around the
+//! contact.
 //!
 //! The three measures are those of [`crate::metrics::image`]. Around the contact, SSIM is the mean of the whole image's
 //! map over the disc, so that windows reach over its rim.
@@ -6,7 +7,7 @@
 use image::RgbImage;
 use serde::Serialize;
 
-use crate::metrics::image::{mae, masked, masked_mean, psnr_db, ssim_map, ssim_mean};
+use crate::metrics::image::{mae, masked_mean, masked_pixels, psnr_db, ssim_map, ssim_mean};
 use crate::presses::Circle;
 use gelsim_core::base::grid::Grid;
 
@@ -36,15 +37,15 @@ pub struct Scores {
 /// # Panics
 ///
 /// If the sizes differ.
-pub fn score(real: &RgbImage, sim: &RgbImage, circle: Option<&Circle>, dilate: f64) -> Scores {
+pub fn score_images(real: &RgbImage, sim: &RgbImage, circle: Option<&Circle>, dilate: f64) -> Scores {
     assert_eq!(real.dimensions(), sim.dimensions(), "images of two sizes");
     let (width, height) = (real.width() as usize, real.height() as usize);
     let map = ssim_map(real, sim, width, height);
     let full_image = Score { mae: mae(real, sim), psnr_db: psnr_db(real, sim), ssim: ssim_mean(&map) };
     let contact = circle.and_then(|circle| {
-        let mask = disc(circle, dilate, [width, height]);
+        let mask = disc_mask(circle, dilate, [width, height]);
         let ssim = masked_mean(&map, &mask)?;
-        let (real, sim) = (masked(real, &mask), masked(sim, &mask));
+        let (real, sim) = (masked_pixels(real, &mask), masked_pixels(sim, &mask));
         Some(Score { mae: mae(&real, &sim), psnr_db: psnr_db(&real, &sim), ssim })
     });
     Scores { full_image, contact }
@@ -52,7 +53,7 @@ pub fn score(real: &RgbImage, sim: &RgbImage, circle: Option<&Circle>, dilate: f
 
 /// 255 at the pixels whose centres are at most `dilate` radii from the circle's centre, 0 elsewhere; `size_px` is width
 /// and height.
-pub fn disc(circle: &Circle, dilate: f64, size_px: [usize; 2]) -> Grid<u8> {
+pub fn disc_mask(circle: &Circle, dilate: f64, size_px: [usize; 2]) -> Grid<u8> {
     let mut mask = Grid::new(size_px[0], size_px[1]);
     let [x, y] = circle.centre_px;
     let reach = dilate * circle.radius_px;
@@ -69,7 +70,7 @@ pub fn disc(circle: &Circle, dilate: f64, size_px: [usize; 2]) -> Grid<u8> {
 }
 
 impl Score {
-    /// Means over images; PSNR over those of which it is known. None without images.
+    /// Means over images; PSNR over those for which it is known. None without images.
     pub fn mean<'a>(scores: impl Iterator<Item = &'a Score>) -> Option<Self> {
         let scores: Vec<&Score> = scores.collect();
         let mean = |values: Vec<f64>| (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
@@ -95,13 +96,13 @@ mod tests {
     fn the_contact_is_the_dilated_circle_and_nothing_else() {
         let real = RgbImage::from_fn(40, 30, |x, y| Rgb([(x * 5) as u8, (y * 7) as u8, 90]));
         let mut sim = real.clone();
-        // Within 1.3 x 5 px of (20, 12), on its rim, and beyond it.
+        // Within 1.3 x 5 px of (20, 12), on its rim, and outside it.
         for (x, y, change) in [(20, 12, 30), (23, 12, 20), (0, 0, 99), (20, 19, 99)] {
             sim.get_pixel_mut(x, y).0[2] += change;
         }
         let near = |x: i32, y: i32| f64::from((x - 20).pow(2) + (y - 12).pow(2)) <= 6.5 * 6.5;
         let pixels = (0..30).flat_map(|y| (0..40).map(move |x| (x, y))).filter(|(x, y)| near(*x, *y)).count();
-        let scores = score(&real, &sim, Some(&circle(20.0, 12.0, 5.0)), 1.3);
+        let scores = score_images(&real, &sim, Some(&circle(20.0, 12.0, 5.0)), 1.3);
         let contact = scores.contact.expect("a contact in view");
         assert!((contact.mae - 50.0 / (3 * pixels) as f64).abs() < 1e-12);
         let square = f64::from(30 * 30 + 20 * 20) / (3 * pixels) as f64;
@@ -117,11 +118,11 @@ mod tests {
     #[test]
     fn equal_images_and_circles_out_of_view_have_no_ratio_and_no_contact() {
         let image = RgbImage::from_pixel(20, 12, Rgb([1, 2, 3]));
-        let scores = score(&image, &image, Some(&circle(-9.0, 5.0, 6.0)), 1.3);
+        let scores = score_images(&image, &image, Some(&circle(-9.0, 5.0, 6.0)), 1.3);
         assert_eq!((scores.full_image.mae, scores.full_image.psnr_db, scores.contact), (0.0, None, None));
         assert!((scores.full_image.ssim - 1.0).abs() < 1e-12);
         // A circle cut by the border, one over everything, and one between pixels.
-        let pixels = |circle| disc(&circle, 1.0, [20, 12]).data.iter().filter(|value| **value > 0).count();
+        let pixels = |circle| disc_mask(&circle, 1.0, [20, 12]).data.iter().filter(|value| **value > 0).count();
         assert_eq!(pixels(circle(0.0, 0.0, 1.0)), 3);
         assert_eq!(pixels(circle(1e300, 0.0, 1e308)), 240);
         assert_eq!(pixels(circle(3.5, 3.5, 0.5)), 0);

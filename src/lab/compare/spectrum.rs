@@ -1,8 +1,8 @@
 //! Power of an image in octaves of spatial frequency: how coarse or fine its structure is.
 //!
-//! Periodogram of the grey image (mean of the channels, less its weighted mean) under a Hann window (Welch 1967),
-//! divided by the window's power: what it gives does not depend on the image's size. Valid for frequencies that the
-//! image holds once.
+//! The periodogram of the grey image (mean of the channels, less its weighted mean) under a Hann window (Welch 1967),
+//! divided by the window's power, so that it does not depend on the image's size. Valid for frequencies that the image
+//! holds at least once.
 
 use std::f64::consts::TAU;
 
@@ -10,15 +10,15 @@ use image::{Rgb, RgbImage};
 use pulp::{Simd, WithSimd};
 
 use gelsim_core::base::grid::Grid;
-use gelsim_core::base::simd::dispatch;
+use gelsim_core::base::simd::dispatch_kernel;
 use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 
-/// Octaves of frequency, the finest one first.
+/// Number of octaves of frequency, the finest one first.
 pub const OCTAVES: usize = 6;
 
-/// Lower and upper frequency of an octave, cycles per pixel. The first one is 0.25 to 0.5; what is finer along
-/// diagonals is in none.
-pub fn octave(number: usize) -> [f64; 2] {
+/// Lower and upper frequency of an octave, cycles per pixel. The first one is 0.25 to 0.5. Finer structure, which only
+/// diagonals can have, is in none.
+pub fn octave_bounds(number: usize) -> [f64; 2] {
     let upper = 0.5 / (1_u64 << number) as f64;
     [0.5 * upper, upper]
 }
@@ -27,40 +27,41 @@ pub fn octave(number: usize) -> [f64; 2] {
 /// all. None where the shorter side holds no cycle of the octave.
 pub fn octave_powers(image: &RgbImage) -> [Option<f64>; OCTAVES] {
     let (width, height) = (image.width() as usize, image.height() as usize);
-    let (windowed, window_power) = windowed(image);
-    let power = power(windowed);
+    let (windowed, window_power) = apply_window(image);
+    let power = power_spectrum(windowed);
     let (mut sums, mut counts) = ([0.0; OCTAVES], [0_u64; OCTAVES]);
     for y in 0..power.height {
-        let fy = frequency(y, power.height);
+        let fy = bin_frequency(y, power.height);
         for (x, value) in power.row(y).iter().enumerate() {
-            let fx = frequency(x, power.width);
-            if let Some(number) = number_of(fx * fx + fy * fy) {
+            let fx = bin_frequency(x, power.width);
+            if let Some(number) = octave_of_square(fx * fx + fy * fy) {
                 sums[number] += f64::from(*value);
                 counts[number] += 1;
             }
         }
     }
     std::array::from_fn(|number| {
-        let held = octave(number)[0] * width.min(height) as f64 >= 1.0 && counts[number] > 0;
+        let held = octave_bounds(number)[0] * width.min(height) as f64 >= 1.0 && counts[number] > 0;
         held.then(|| sums[number] / (counts[number] as f64 * window_power))
     })
 }
 
-/// Cycles per pixel of the value number `k` of `length`.
-fn frequency(k: usize, length: usize) -> f64 {
+/// Frequency of value number `k` of `length`, cycles per pixel.
+fn bin_frequency(k: usize, length: usize) -> f64 {
     k.min(length - k) as f64 / length as f64
 }
 
-/// The octave of a squared frequency.
-fn number_of(square: f64) -> Option<usize> {
+/// Octave of a squared frequency; None outside all octaves.
+fn octave_of_square(square: f64) -> Option<usize> {
     (0..OCTAVES).find(|number| {
-        let [lower, upper] = octave(*number);
+        let [lower, upper] = octave_bounds(*number);
         square <= upper * upper && (square > lower * lower)
     })
 }
 
-/// The image times its window, with zeros up to lengths that the transform takes; and the sum of the window's squares.
-fn windowed(image: &RgbImage) -> (Grid<f32>, f64) {
+/// Returns the image times its window, padded with zeros to lengths that the transform takes; and the sum of the
+/// window's squares.
+fn apply_window(image: &RgbImage) -> (Grid<f32>, f64) {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let hann = |length: usize| -> Vec<f64> {
         (0..length).map(|k| 0.5 - 0.5 * libm::cos(TAU * (k as f64 + 0.5) / length as f64)).collect()
@@ -87,36 +88,38 @@ fn windowed(image: &RgbImage) -> (Grid<f32>, f64) {
     (result, squares)
 }
 
-/// Squared sizes of an image's frequencies.
-fn power(image: Grid<f32>) -> Grid<f32> {
+/// Computes the squared magnitudes of an image's frequencies.
+fn power_spectrum(image: Grid<f32>) -> Grid<f32> {
     let zeros = Grid::new(image.width, image.height);
-    let [re, im] = transformed(transformed([image, zeros]));
+    let [re, im] = transform_rows(transform_rows([image, zeros]));
     let square = |(re, im): (&f32, &f32)| re * re + im * im;
     Grid { width: re.width, height: re.height, data: re.data.iter().zip(&im.data).map(square).collect() }
 }
 
-/// Transforms every row of a complex image and exchanges rows with columns. Width and height are fast lengths.
-fn transformed(image: [Grid<f32>; 2]) -> [Grid<f32>; 2] {
+/// Transforms every row of a complex image and exchanges rows with columns: applied twice, it transforms both axes.
+/// Width and height must be fast lengths.
+fn transform_rows(image: [Grid<f32>; 2]) -> [Grid<f32>; 2] {
     let (width, height) = (image[0].width, image[0].height);
     let mut turned = [Grid::new(height, width), Grid::new(height, width)];
-    dispatch(Rows { fft: Fft::new(width), image: &image, turned: &mut turned });
+    dispatch_kernel(RowTransform { fft: Fft::new(width), image: &image, transposed: &mut turned });
     turned
 }
 
-struct Rows<'a> {
+struct RowTransform<'a> {
     fft: Fft,
     image: &'a [Grid<f32>; 2],
-    turned: &'a mut [Grid<f32>; 2],
+    transposed: &'a mut [Grid<f32>; 2],
 }
 
-impl WithSimd for Rows<'_> {
+impl WithSimd for RowTransform<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { fft, image: [re, im], turned } = self;
+        let Self { fft, image: [re, im], transposed: turned } = self;
         let mut line = Signals::default();
         line.resize(re.width);
+        // Rows that the transform takes at once are interleaved: one row per lane.
         for y in (0..re.height).step_by(LANES) {
             for x in 0..re.width {
                 for lane in 0..LANES {
@@ -127,7 +130,7 @@ impl WithSimd for Rows<'_> {
             fft.forward(simd, &mut line.re, &mut line.im);
             for (turned, line) in turned.iter_mut().zip([&line.re, &line.im]) {
                 for x in 0..re.width {
-                    turned.row_mut(x)[y..y + LANES].copy_from_slice(&line[fft.place(x) * LANES..][..LANES]);
+                    turned.row_mut(x)[y..y + LANES].copy_from_slice(&line[fft.frequency_index(x) * LANES..][..LANES]);
                 }
             }
         }
@@ -143,7 +146,7 @@ mod tests {
 
     /// Plain reference implementation: every frequency of the padded image summed on its own.
     fn plain(image: &RgbImage) -> [Option<f64>; OCTAVES] {
-        let (windowed, window_power) = windowed(image);
+        let (windowed, window_power) = apply_window(image);
         let (width, height) = (windowed.width, windowed.height);
         let (mut sums, mut counts) = ([0.0; OCTAVES], [0_u64; OCTAVES]);
         for (k, l) in (0..height).flat_map(|l| (0..width).map(move |k| (k, l))) {
@@ -163,7 +166,7 @@ mod tests {
             }
         }
         std::array::from_fn(|number| {
-            let held = octave(number)[0] * f64::from(image.width().min(image.height())) >= 1.0;
+            let held = octave_bounds(number)[0] * f64::from(image.width().min(image.height())) >= 1.0;
             held.then(|| sums[number] / (counts[number] as f64 * window_power))
         })
     }

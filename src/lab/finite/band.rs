@@ -1,11 +1,11 @@
-//! Symmetric systems whose entries lie near the diagonal, solved directly.
+//! Direct solver for symmetric systems whose entries lie near the diagonal.
 
 use gelsim_core::base::simd::simd_dispatch;
 
-/// Rows that are eliminated together: each pass over the rows below serves this many.
+/// Rows that are eliminated together, so that a pass over the rows below serves all of them.
 const BLOCK: usize = 4;
 
-/// A symmetric matrix: each row from its diagonal to `band` columns beyond.
+/// A symmetric matrix. Each row is stored from its diagonal to `band` columns to the right.
 #[derive(Clone, Debug)]
 pub struct BandMatrix {
     size: usize,
@@ -13,41 +13,41 @@ pub struct BandMatrix {
     rows: Vec<f64>,
 }
 
-/// The factors of such a matrix: U of A = U^T D^-1 U, with D the diagonal of U.
+/// Factors of a band matrix: U of A = U^T D^-1 U, where D is the diagonal of U.
 #[derive(Debug)]
 pub struct BandFactors(BandMatrix);
 
 impl BandMatrix {
-    /// Zeros, for entries up to `band` columns from the diagonal.
+    /// Creates a matrix of zeros for entries up to `band` columns from the diagonal.
     pub fn new(size: usize, band: usize) -> Self {
-        // Room for what a block's last row has beyond its first, and rows to fill the last block.
+        // A block's last row reaches BLOCK - 1 columns beyond its first. Extra rows with 1 on the diagonal fill the
+        // last block.
         let stride = band + BLOCK;
         let mut rows = vec![0.0; size.next_multiple_of(BLOCK) * stride];
         rows[size * stride..].iter_mut().step_by(stride).for_each(|diagonal| *diagonal = 1.0);
         Self { size, stride, rows }
     }
 
-    /// Adds to the entry of a row and a column, which the band must hold. Of each pair across the diagonal, only the one
-    /// above it counts.
+    /// Adds to an entry, which must be in the band. Entries below the diagonal are ignored: the matrix is symmetric.
     pub fn add(&mut self, row: usize, column: usize, value: f64) {
         if column >= row {
             self.rows[row * self.stride + column - row] += value;
         }
     }
 
-    /// Eliminates without exchanging rows, which is stable as long as displacements alone are (the matrix is then
-    /// quasi-definite). `None` where a pivot is nothing or no number.
-    pub fn factor(mut self) -> Option<BandFactors> {
+    /// Factorizes without exchanging rows. This is stable as long as displacements and pressures make the matrix
+    /// quasi-definite. `None` if a pivot is zero or not finite.
+    pub fn factorize(mut self) -> Option<BandFactors> {
         let mut done = None;
         simd_dispatch(
             #[inline(always)]
-            || done = self.eliminate(),
+            || done = self.eliminate_rows(),
         );
         done.map(|()| BandFactors(self))
     }
 
     #[inline(always)]
-    fn eliminate(&mut self) -> Option<()> {
+    fn eliminate_rows(&mut self) -> Option<()> {
         let stride = self.stride;
         for first in (0..self.rows.len() / stride).step_by(BLOCK) {
             let (block, below) = self.rows[first * stride..].split_at_mut(BLOCK * stride);
@@ -65,15 +65,15 @@ impl BandMatrix {
                     }
                 }
             }
-            eliminate(block, below, stride);
+            eliminate_block(block, below, stride);
         }
         Some(())
     }
 }
 
-/// Takes the rows of a block from all rows below that it reaches.
+/// Subtracts the rows of a block from all rows below that the band reaches.
 #[inline(always)]
-fn eliminate(block: &[f64], below: &mut [f64], stride: usize) {
+fn eliminate_block(block: &[f64], below: &mut [f64], stride: usize) {
     let row = |k: usize| &block[k * stride..][..stride];
     let [a, b, c, d] = [row(0), row(1), row(2), row(3)];
     for (k, to) in below.chunks_exact_mut(stride).take(stride - BLOCK).enumerate() {
@@ -89,7 +89,7 @@ fn eliminate(block: &[f64], below: &mut [f64], stride: usize) {
 }
 
 impl BandFactors {
-    /// Solves for a right-hand side, in its place.
+    /// Solves for a right-hand side, which is overwritten.
     pub fn solve(&self, values: &mut [f64]) {
         let BandMatrix { size, stride, rows } = &self.0;
         let row = |k: usize| &rows[k * stride..][..*stride.min(&(size - k))];
@@ -139,7 +139,7 @@ mod tests {
             let expected: Vec<f64> = (0..size).map(|k| (k as f64 * 0.7).sin()).collect();
             let times = |row: usize| (0..size).map(|column| entry(row, column) * expected[column]).sum::<f64>();
             let mut values: Vec<f64> = (0..size).map(times).collect();
-            matrix.factor().expect("pivots").solve(&mut values);
+            matrix.factorize().expect("pivots").solve(&mut values);
             for (value, expected) in values.iter().zip(&expected) {
                 assert!((value - expected).abs() < 1e-11, "{size} {band}: {value} for {expected}");
             }
@@ -152,6 +152,6 @@ mod tests {
         for (row, column) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
             matrix.add(row, column, 1.0);
         }
-        assert!(matrix.factor().is_none());
+        assert!(matrix.factorize().is_none());
     }
 }

@@ -1,69 +1,69 @@
-//! One finite element of rubber: nearly incompressible neo-Hookean, displacement biquadratic, pressure bilinear (Taylor-Hood), so
-//! that it does not lock.
+//! One axisymmetric finite element of rubber: nearly incompressible neo-Hookean. Displacements are biquadratic and
+//! pressures bilinear (Taylor-Hood), so that it does not lock.
 
-/// Displacements (r, z of nine nodes), then pressures of four corners.
+/// Number of unknowns: displacements (r, z of nine nodes), then pressures of four corners.
 pub const UNKNOWNS: usize = 22;
-/// How many of them are displacements.
+/// Number of unknowns that are displacements.
 pub const DISPLACEMENTS: usize = 18;
 
 /// Elastic constants over Young's modulus.
 #[derive(Clone, Copy, Debug)]
-pub struct Rubber {
+pub struct ElasticConstants {
     /// Shear modulus.
     pub shear: f64,
     /// Lame's first constant.
     pub lame: f64,
 }
 
-impl Rubber {
-    /// From the Poisson ratio, 0 to below 0.5.
+impl ElasticConstants {
+    /// Computes the constants from the Poisson ratio, 0 to below 0.5.
     pub fn new(poisson_ratio: f64) -> Self {
         let lame = poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio));
-        // At a Poisson ratio of 0 the pressure is nothing, but has an equation still.
+        // At a Poisson ratio of 0 the pressure vanishes, but its equation must stay solvable.
         Self { shear: 0.5 / (1.0 + poisson_ratio), lame: lame.max(1e-6) }
     }
 }
 
-/// What does not change in an element: its points of integration.
+/// An element's points of integration, which do not change as it deforms.
 #[derive(Clone, Debug)]
 pub struct Element {
-    points: [Point; 9],
+    points: [IntegrationPoint; 9],
 }
 
 #[derive(Clone, Debug)]
-struct Point {
-    /// Area that it stands for, times its radius.
+struct IntegrationPoint {
+    /// Area that the point stands for, times its radius.
     weight: f64,
     /// d/dr and d/dz of each node's shape function, and the shape over the radius.
     gradient: [[f64; 3]; 9],
-    /// Shapes of the pressure.
+    /// Shape functions of the pressure at the four corners.
     corners: [f64; 4],
 }
 
-/// Forces on the unknowns and their derivatives.
+/// Forces on the unknowns, and their derivatives.
 #[derive(Clone, Debug)]
-pub struct Response {
-    /// Forces.
+pub struct ElementResponse {
+    /// Forces, over Young's modulus.
     pub forces: [f64; UNKNOWNS],
-    /// Symmetric.
+    /// Derivatives of the forces; symmetric.
     pub matrix: [[f64; UNKNOWNS]; UNKNOWNS],
 }
 
-/// Gauss's points and weights on -1 to 1.
+/// Points and weights of Gauss's rule with three points on -1 to 1.
 pub const GAUSS_3: [(f64, f64); 3] =
     [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
 
 /// The quadratic shape functions on -1 to 1, and their derivatives.
-pub fn quadratic(x: f64) -> ([f64; 3], [f64; 3]) {
+pub fn quadratic_shapes(x: f64) -> ([f64; 3], [f64; 3]) {
     ([x * (x - 1.0) / 2.0, 1.0 - x * x, x * (x + 1.0) / 2.0], [x - 0.5, -2.0 * x, x + 0.5])
 }
 
 impl Element {
-    /// Of nodes at (r, z), r slowest.
+    /// Creates an element from its nodes at (r, z), r slowest.
     pub fn new(nodes: &[[f64; 2]; 9]) -> Self {
         let points = std::array::from_fn(|q| {
             let ((x, by_x), (y, by_y)) = (GAUSS_3[q / 3], GAUSS_3[q % 3]);
-            let ((nx, dx), (ny, dy)) = (quadratic(x), quadratic(y));
+            let ((nx, dx), (ny, dy)) = (quadratic_shapes(x), quadratic_shapes(y));
             let shape: [f64; 9] = std::array::from_fn(|n| nx[n / 3] * ny[n % 3]);
             let slopes: [[f64; 2]; 9] = std::array::from_fn(|n| [dx[n / 3] * ny[n % 3], nx[n / 3] * dy[n % 3]]);
             // [d][c]: derivative of coordinate c along the element's own direction d.
@@ -85,16 +85,16 @@ impl Element {
             let linear = |x: f64| [(1.0 - x) / 2.0, (1.0 + x) / 2.0];
             let (px, py) = (linear(x), linear(y));
             let corners = std::array::from_fn(|m| px[m / 2] * py[m % 2]);
-            Point { weight: determinant * by_x * by_y * radius, gradient, corners }
+            IntegrationPoint { weight: determinant * by_x * by_y * radius, gradient, corners }
         });
         Self { points }
     }
 
-    /// Forces and their derivatives at a state. `None` where the rubber would be turned inside out.
-    pub fn response(&self, rubber: Rubber, state: &[f64; UNKNOWNS]) -> Option<Response> {
-        let mut out = Response { forces: [0.0; UNKNOWNS], matrix: [[0.0; UNKNOWNS]; UNKNOWNS] };
+    /// Computes forces and their derivatives at a state. `None` if the rubber would be turned inside out.
+    pub fn compute_response(&self, rubber: ElasticConstants, state: &[f64; UNKNOWNS]) -> Option<ElementResponse> {
+        let mut out = ElementResponse { forces: [0.0; UNKNOWNS], matrix: [[0.0; UNKNOWNS]; UNKNOWNS] };
         for point in &self.points {
-            point.add(rubber, state, &mut out)?;
+            point.add_response(rubber, state, &mut out)?;
         }
         for row in 1..UNKNOWNS {
             for column in 0..row {
@@ -105,11 +105,11 @@ impl Element {
     }
 }
 
-impl Point {
-    /// Adds what is here to the forces, and to the matrix on and above its diagonal.
-    fn add(&self, rubber: Rubber, state: &[f64; UNKNOWNS], out: &mut Response) -> Option<()> {
+impl IntegrationPoint {
+    /// Adds the point's part to the forces, and to the matrix on and above its diagonal.
+    fn add_response(&self, rubber: ElasticConstants, state: &[f64; UNKNOWNS], out: &mut ElementResponse) -> Option<()> {
         let (u, p) = state.split_at(DISPLACEMENTS);
-        // The deformation gradient: rr, rz, zr, zz and around the axis.
+        // The deformation gradient: rr, rz, zr, zz, and around the axis.
         let mut f = [1.0, 0.0, 0.0, 1.0, 1.0];
         for (g, u) in self.gradient.iter().zip(u.chunks_exact(2)) {
             f[0] += g[0] * u[0];
@@ -123,7 +123,7 @@ impl Point {
         if !(volume > 0.02 && f[4] > 0.0) {
             return None;
         }
-        // Its inverse, transposed.
+        // Inverse of the deformation gradient, transposed.
         let inverse = [f[3] / area, -f[2] / area, -f[1] / area, f[0] / area, 1.0 / f[4]];
         let pressure: f64 = self.corners.iter().zip(p).map(|(shape, p)| shape * p).sum();
         let excess = pressure - rubber.shear;

@@ -1,73 +1,73 @@
-//! The section of a rigid body of revolution: a smooth curve, and how far points are from it.
+//! The section of a rigid body of revolution: a smooth curve, and distances of points from it.
 
-/// Between two control points of the curve, mm.
+/// Distance of the curve's control points, mm.
 const STEP_MM: f64 = 0.01;
 
-/// The lower side of a body of revolution in (r, z), its lowest point at z = 0, as a uniform cubic B-spline: normals
-/// and curvatures are continuous.
+/// Lower side of a body of revolution in (r, z), with its lowest point at z = 0. A uniform cubic B-spline, so that
+/// normals and curvatures are continuous.
 #[derive(Clone, Debug)]
 pub struct Profile {
     control: Vec<[f64; 2]>,
-    /// Where the curve is at its knots.
+    /// Points of the curve at its knots.
     knots: Vec<[f64; 2]>,
-    /// Heights of its lower side at equal distances from the axis outwards, and the distance.
+    /// Heights of the lower side at equal distances from the axis outwards.
     heights: Vec<f64>,
-    pitch: f64,
+    spacing: f64,
 }
 
-/// Where a point is beside the body.
+/// Position of a point relative to the body.
 #[derive(Clone, Copy, Debug)]
-pub struct Beside {
+pub struct SurfaceDistance {
     /// Distance from its surface, negative inside.
     pub distance: f64,
     /// Outward normal of the surface there.
     pub normal: [f64; 2],
-    /// Curvature of the line of this distance, positive around a ball.
+    /// Curvature of the curve of equal distance through the point, positive around a ball.
     pub curvature: f64,
 }
 
 impl Profile {
-    /// From heights at r = 0, `pitch`, 2 `pitch`, ..; `top` and higher is no object. Edges sharper than `rounding` get
-    /// that radius.
-    pub fn new(heights: &[f64], pitch: f64, rounding: f64, top: f64) -> Self {
+    /// Builds the profile from heights at r = 0, `spacing`, 2 `spacing`, .., mm. From `top` up there is no object.
+    /// Edges sharper than the radius `rounding` are rounded to it.
+    pub fn new(heights: &[f64], spacing: f64, rounding: f64, top: f64) -> Self {
         let lowest = heights.iter().copied().fold(top, f64::min);
         let heights: Vec<f64> = heights.iter().map(|z| (z - lowest).min(top)).chain([top]).collect();
-        let heights = opened(&heights, (rounding / pitch).round() as usize, pitch);
-        let corners: Vec<[f64; 2]> = heights.iter().enumerate().map(|(k, z)| [k as f64 * pitch, *z]).collect();
-        let mut control = even(&corners);
-        // The other side of the axis.
+        let heights = open_heights(&heights, (rounding / spacing).round() as usize, spacing);
+        let corners: Vec<[f64; 2]> = heights.iter().enumerate().map(|(k, z)| [k as f64 * spacing, *z]).collect();
+        let mut control = resample_evenly(&corners);
+        // Mirror images across the axis make the curve level there.
         let mirrored = [control[2], control[1]].map(|[r, z]| [-r, z]);
         control.splice(0..0, mirrored);
         let knots = control.windows(3).map(|p| std::array::from_fn(|c| (p[0][c] + 4.0 * p[1][c] + p[2][c]) / 6.0));
-        Self { knots: knots.collect(), control, heights, pitch }
+        Self { knots: knots.collect(), control, heights, spacing }
     }
 
-    /// Height over the lowest point at a radius; that of no object beyond the body.
-    pub fn height(&self, r: f64) -> f64 {
+    /// Height over the lowest point at a radius, mm; outside the body that of no object.
+    pub fn height_at(&self, r: f64) -> f64 {
         let last = self.heights.len() - 1;
-        let at = r / self.pitch;
-        let whole = (at as usize).min(last);
-        let share = at - whole as f64;
-        let next = self.heights[(whole + 1).min(last)];
-        self.heights[whole] + share.min(1.0) * (next - self.heights[whole])
+        let at = r / self.spacing;
+        let index = (at as usize).min(last);
+        let share = at - index as f64;
+        let next = self.heights[(index + 1).min(last)];
+        self.heights[index] + share.min(1.0) * (next - self.heights[index])
     }
 
-    /// The largest radius at which the body reaches below a height.
+    /// Largest radius at which the body reaches below a height, mm.
     pub fn radius_below(&self, height: f64) -> f64 {
-        self.heights.iter().rposition(|z| *z < height).map_or(0.0, |last| last as f64 * self.pitch)
+        self.heights.iter().rposition(|z| *z < height).map_or(0.0, |last| last as f64 * self.spacing)
     }
 
-    /// Points of the curve from the axis outwards with the tangent's angle and the curvature there.
-    pub fn points(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2], f64)> + '_ {
+    /// Points of the curve from the axis outwards, with the unit tangent and the curvature at each.
+    pub fn curve_points(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2], f64)> + '_ {
         (1..self.control.len() - 2).map(|k| {
-            let Place { at, along, bend } = self.place(k as f64);
+            let CurvePoint { position: at, tangent: along, second_derivative: bend } = self.curve_at(k as f64);
             let speed = along[0].hypot(along[1]);
             (at, along.map(|v| v / speed), (along[0] * bend[1] - along[1] * bend[0]) / (speed * speed * speed))
         })
     }
 
-    /// Where a point is beside the body.
-    pub fn beside(&self, point: [f64; 2]) -> Beside {
+    /// Measures where a point is relative to the body.
+    pub fn measure_distance(&self, point: [f64; 2]) -> SurfaceDistance {
         let squared = |at: &[f64; 2]| (at[0] - point[0]).powi(2) + (at[1] - point[1]).powi(2);
         let (mut nearest, mut least) = (0, f64::INFINITY);
         for (k, knot) in self.knots.iter().enumerate() {
@@ -76,30 +76,32 @@ impl Profile {
                 (nearest, least) = (k, here);
             }
         }
-        // Newton's method for the foot of the perpendicular.
+        // Newton's method for the foot of the perpendicular, from the nearest knot and within a knot of it.
         let middle = (nearest + 1) as f64;
         let last = (self.control.len() - 2) as f64;
         let mut t = middle;
         for _ in 0..8 {
-            let Place { at, along, bend } = self.place(t);
+            let CurvePoint { position: at, tangent: along, second_derivative: bend } = self.curve_at(t);
             let off = [at[0] - point[0], at[1] - point[1]];
             let slope = dot(along, along) + dot(off, bend);
+            // Where the squared distance is not convex Newton's step would go uphill: use the tangent's part alone.
             let by = dot(off, along) / if slope > 0.0 { slope } else { dot(along, along) };
             t = (t - by).clamp((middle - 1.0).max(1.0), (middle + 1.0).min(last));
             if by.abs() < 1e-12 {
                 break;
             }
         }
-        let Place { at, along, bend } = self.place(t);
+        let CurvePoint { position: at, tangent: along, second_derivative: bend } = self.curve_at(t);
         let speed = libm::sqrt(dot(along, along));
         let normal = [along[1] / speed, -along[0] / speed];
         let distance = dot([point[0] - at[0], point[1] - at[1]], normal);
         let curvature = (along[0] * bend[1] - along[1] * bend[0]) / (speed * speed * speed);
-        Beside { distance, normal, curvature: curvature / (1.0 + curvature * distance).max(0.1) }
+        // Clamped, because the offset curve degenerates near the centre of curvature.
+        SurfaceDistance { distance, normal, curvature: curvature / (1.0 + curvature * distance).max(0.1) }
     }
 
-    /// The curve at parameter `t` (control point k has its knot at t = k), and its first two derivatives.
-    fn place(&self, t: f64) -> Place {
+    /// Point of the curve at parameter `t` (control point k has its knot at t = k), with its first two derivatives.
+    fn curve_at(&self, t: f64) -> CurvePoint {
         let first = (t.floor() as usize).clamp(1, self.control.len() - 3);
         let u = t - first as f64;
         let v = 1.0 - u;
@@ -118,24 +120,24 @@ impl Profile {
             }
             sum
         };
-        Place { at: sum(weights), along: sum(slopes), bend: sum(bends) }
+        CurvePoint { position: sum(weights), tangent: sum(slopes), second_derivative: sum(bends) }
     }
 }
 
-struct Place {
-    at: [f64; 2],
-    along: [f64; 2],
-    bend: [f64; 2],
+struct CurvePoint {
+    position: [f64; 2],
+    tangent: [f64; 2],
+    second_derivative: [f64; 2],
 }
 
 fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
-/// What a ball of `reach` samples can roll over from below without touching more: morphological opening of the body
-/// above the heights.
-fn opened(heights: &[f64], reach: usize, pitch: f64) -> Vec<f64> {
-    let cap = |k: isize| pitch * libm::sqrt((reach * reach) as f64 - (k * k) as f64);
+/// Opens the body above the heights with a ball of `reach` samples (morphological opening): what remains is what the
+/// ball can roll over from below.
+fn open_heights(heights: &[f64], reach: usize, spacing: f64) -> Vec<f64> {
+    let cap = |k: isize| spacing * libm::sqrt((reach * reach) as f64 - (k * k) as f64);
     let radius = reach as isize;
     let around =
         |at: usize| (-radius..=radius).map(move |k| (((at as isize + k).unsigned_abs()).min(heights.len() - 1), k));
@@ -147,8 +149,8 @@ fn opened(heights: &[f64], reach: usize, pitch: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Points along a polygon, equally far apart.
-fn even(corners: &[[f64; 2]]) -> Vec<[f64; 2]> {
+/// Returns points along a polygon at equal distances.
+fn resample_evenly(corners: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut points = vec![corners[0]];
     let mut left = STEP_MM;
     for pair in corners.windows(2) {
@@ -178,7 +180,7 @@ mod tests {
         let ball = Profile::new(&heights, pitch, 0.1, 3.0);
         for (r, z) in [(0.0, 0.1), (0.5, 0.0), (1.0, 0.2), (1.6, 0.7), (1.2, 0.401)] {
             let away = f64::hypot(r, z - radius);
-            let beside = ball.beside([r, z]);
+            let beside = ball.measure_distance([r, z]);
             assert!((beside.distance - (away - radius)).abs() < 3e-5, "{r} {z}: {beside:?}");
             assert!((beside.normal[0] - r / away).abs() < 2e-3, "{r} {z}: {beside:?}");
             assert!((beside.curvature - 1.0 / away).abs() < 0.05, "{r} {z}: {beside:?}");
@@ -191,11 +193,11 @@ mod tests {
         let punch = Profile::new(&[0.0; 201], pitch, rounding, 2.0);
         // The corner of the fillet, seen from its centre.
         let [r, z] = [1.0 - rounding + 0.3, rounding - 0.3];
-        let beside = punch.beside([r, z]);
+        let beside = punch.measure_distance([r, z]);
         assert!((beside.distance - (0.3 * std::f64::consts::SQRT_2 - rounding)).abs() < 3e-3, "{beside:?}");
         assert!((beside.normal[0] - std::f64::consts::FRAC_1_SQRT_2).abs() < 0.01, "{beside:?}");
-        assert!((punch.beside([1.1, 1.0]).distance - 0.1).abs() < 0.004);
-        assert!((punch.beside([0.0, -0.3]).distance - 0.3).abs() < 1e-9);
-        assert!(punch.beside([0.9, 1.0]).distance < -0.09);
+        assert!((punch.measure_distance([1.1, 1.0]).distance - 0.1).abs() < 0.004);
+        assert!((punch.measure_distance([0.0, -0.3]).distance - 0.3).abs() < 1e-9);
+        assert!(punch.measure_distance([0.9, 1.0]).distance < -0.09);
     }
 }

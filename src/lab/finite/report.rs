@@ -5,11 +5,11 @@ use std::fmt::Write;
 use super::{Comparison, PressComparison};
 use crate::text_table::TextTable;
 
-/// Columns of the CSV: name and value.
-fn columns(press: &PressComparison) -> Vec<(&'static str, String)> {
+/// Columns of the CSV, as names and values.
+fn csv_columns(press: &PressComparison) -> Vec<(&'static str, String)> {
     let number = |value: f64| format!("{value:?}");
     vec![
-        // Names of objects are names of files.
+        // Names come from file names; these characters would need quoting.
         ("object", press.object.replace([',', '"', '\n', '\r'], "_")),
         ("sample", press.sample.to_string()),
         ("tilt_deg", number(press.tilt_deg)),
@@ -32,11 +32,11 @@ fn columns(press: &PressComparison) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// One line per press under a line of names.
-pub fn csv(comparison: &Comparison) -> String {
+/// Writes one line per press under a line of names.
+pub fn to_csv(comparison: &Comparison) -> String {
     let mut text = String::new();
     for (k, press) in comparison.presses.iter().enumerate() {
-        let (names, values): (Vec<_>, Vec<_>) = columns(press).into_iter().unzip();
+        let (names, values): (Vec<_>, Vec<_>) = csv_columns(press).into_iter().unzip();
         if k == 0 {
             text += &(names.join(",") + "\n");
         }
@@ -45,8 +45,8 @@ pub fn csv(comparison: &Comparison) -> String {
     text
 }
 
-/// The comparison for a terminal of so many columns.
-pub fn table(comparison: &Comparison, columns: Option<usize>) -> String {
+/// Formats the comparison for a terminal of `columns`.
+pub fn to_text_table(comparison: &Comparison, columns: Option<usize>) -> String {
     let Comparison { job, options, presses, left_out } = comparison;
     let mut text = format!(
         "{job}: the linear layer of level reference against finite elements ({}), edges rounded to {} mm, without tilt and texture\n",
@@ -61,7 +61,7 @@ pub fn table(comparison: &Comparison, columns: Option<usize>) -> String {
         ["", "mm", "", "um", "um", "um", "deg", "p95 deg", "N", "N", "", "mm", ""],
     ]);
     for press in presses {
-        table.row([
+        table.add_row([
             press.object.clone(),
             format!("{:.3}", press.depth_mm),
             format!("{:.3}", press.strain),

@@ -1,21 +1,22 @@
-//! Exact states of one element, limits, and the table of the slow twin in Python (`tests/oracle/finite_elements.py`).
+//! Exact states of one element, limits, and the table of the slow reference in Python
+//! (`tests/oracle/finite_elements.py`).
 
 use serde_json::Value;
 
-use super::element::{Rubber, UNKNOWNS};
-use super::layer::Layer;
+use super::element::{ElasticConstants, UNKNOWNS};
+use super::layer::BondedLayer;
 use super::mesh::{Extent, Mesh};
-use super::press::Press;
+use super::press::PressSolver;
 use super::profile::Profile;
-use super::{element, interpolated, sag};
+use super::{dome_sag, element, interpolate_depth};
 
 const H: f64 = 3.0;
 
 /// A block of rubber stretched alike everywhere is in balance, with the stress of the closed form on its faces.
 #[test]
 fn a_homogeneous_compression_is_exact() {
-    let rubber = Rubber::new(0.48);
-    let mesh = Mesh::block([2.0, 1.5], 2, 2);
+    let rubber = ElasticConstants::new(0.48);
+    let mesh = Mesh::regular_block([2.0, 1.5], 2, 2);
     for [across, along] in [[1.0, 1.0], [1.2, 0.7], [0.9, 1.3]] {
         // Stresses of ln-volume rubber: shear F + (p - shear) / F, with p from the volume.
         let pressure = rubber.lame * libm::log(across * across * along);
@@ -23,7 +24,7 @@ fn a_homogeneous_compression_is_exact() {
         let mut forces = vec![[0.0; 2]; mesh.nodes.len()];
         for column in 0..mesh.columns {
             for row in 0..mesh.rows {
-                let nodes = mesh.element(column, row);
+                let nodes = mesh.element_nodes(column, row);
                 let mut state = [pressure; UNKNOWNS];
                 for (k, node) in nodes.into_iter().enumerate() {
                     let [r, z] = mesh.nodes[node];
@@ -31,7 +32,7 @@ fn a_homogeneous_compression_is_exact() {
                     state[2 * k + 1] = (along - 1.0) * z;
                 }
                 let element = element::Element::new(&nodes.map(|node| mesh.nodes[node]));
-                let response = element.response(rubber, &state).expect("not inside out");
+                let response = element.compute_response(rubber, &state).expect("not inside out");
                 assert!(response.forces[element::DISPLACEMENTS..].iter().all(|force| force.abs() < 1e-13));
                 for (node, force) in nodes.into_iter().zip(response.forces.chunks_exact(2)) {
                     forces[node] = [forces[node][0] + force[0], forces[node][1] + force[1]];
@@ -54,16 +55,16 @@ fn a_homogeneous_compression_is_exact() {
 
 #[test]
 fn derivatives_are_those_of_the_forces() {
-    let rubber = Rubber::new(0.45);
-    let mesh = Mesh::block([1.0, 1.0], 1, 1);
-    let element = element::Element::new(&mesh.element(0, 0).map(|node| mesh.nodes[node]));
+    let rubber = ElasticConstants::new(0.45);
+    let mesh = Mesh::regular_block([1.0, 1.0], 1, 1);
+    let element = element::Element::new(&mesh.element_nodes(0, 0).map(|node| mesh.nodes[node]));
     let state: [f64; UNKNOWNS] = std::array::from_fn(|k| 0.05 * (k as f64 * 1.3).sin());
-    let at = element.response(rubber, &state).expect("not inside out");
+    let at = element.compute_response(rubber, &state).expect("not inside out");
     for column in 0..UNKNOWNS {
         let moved = |by: f64| {
             let mut state = state;
             state[column] += by;
-            element.response(rubber, &state).expect("not inside out").forces
+            element.compute_response(rubber, &state).expect("not inside out").forces
         };
         let (ahead, behind) = (moved(1e-6), moved(-1e-6));
         for row in 0..UNKNOWNS {
@@ -75,27 +76,28 @@ fn derivatives_are_those_of_the_forces() {
 
 fn ball(radius: f64) -> Vec<f64> {
     let z = |r: f64| if r < radius { radius - (radius * radius - r * r).sqrt() } else { f64::INFINITY };
-    (0..2000).map(|k| z(f64::from(k) * super::body::PITCH_MM)).collect()
+    (0..2000).map(|k| z(f64::from(k) * super::body::SAMPLE_SPACING_MM)).collect()
 }
 
-fn layer(profile: &Profile, depth: f64, contact: f64, dome: Option<f64>, refine: f64) -> Layer {
+fn layer(profile: &Profile, depth: f64, contact: f64, dome: Option<f64>, refine: f64) -> BondedLayer {
     let extent = Extent { thickness: H, depth, contact, ring: 2.0, refine };
-    let drop = |r: f64| dome.map_or(0.0, |dome| sag(dome, r));
-    Layer::new(Mesh::new(profile, extent, drop), Rubber::new(0.48))
+    let drop = |r: f64| dome.map_or(0.0, |dome| dome_sag(dome, r));
+    BondedLayer::new(Mesh::new(profile, extent, drop), ElasticConstants::new(0.48))
 }
 
-/// Small strains: Hertz's force on a ball, times the series of Dimitriadis et al. (2002) for a layer bonded to its shell.
+/// Small strains: Hertz's force on a ball, times the series of Dimitriadis et al. (2002) for a layer bonded to its
+/// shell.
 #[test]
 fn a_tiny_press_of_a_ball_is_that_of_linear_theory() {
     let (radius, depth) = (2.0, 0.02);
-    let profile = Profile::new(&ball(radius), super::body::PITCH_MM, 0.1, 2.0);
+    let profile = Profile::new(&ball(radius), super::body::SAMPLE_SPACING_MM, 0.1, 2.0);
     let a = libm::sqrt(radius * depth);
     let mut press_force = [0.0; 2];
     for (force, refine) in press_force.iter_mut().zip([1.0, 3.0]) {
         let layer = layer(&profile, depth, a, None, refine);
-        let mut press = Press::new(&layer, &profile, H, false);
-        assert!(press.to(depth));
-        *force = press.force();
+        let mut press = PressSolver::new(&layer, &profile, H, false);
+        assert!(press.press_to(depth));
+        *force = press.axial_force();
     }
     let hertz = 4.0 / 3.0 / (1.0 - 0.48 * 0.48) * libm::sqrt(radius) * libm::pow(depth, 1.5);
     let (chi, alpha) = (a / H, 1.7169 * std::f64::consts::FRAC_2_PI);
@@ -116,17 +118,17 @@ fn rows(wanted: impl Fn(&Value) -> bool) -> Vec<Value> {
 fn agrees(rows: &[Value], heights: &[f64], sticking: bool, dome: Option<f64>) {
     assert!(!rows.is_empty());
     let number = |row: &Value, key: &str| row[key].as_f64().expect("a number");
-    let profile = Profile::new(heights, super::body::PITCH_MM, 0.1, 2.5);
+    let profile = Profile::new(heights, super::body::SAMPLE_SPACING_MM, 0.1, 2.5);
     let last = &rows[rows.len() - 1];
     let layer = layer(&profile, number(last, "depth_mm"), number(last, "linear_contact_mm"), dome, 1.0);
-    let mut press = Press::new(&layer, &profile, H, sticking);
+    let mut press = PressSolver::new(&layer, &profile, H, sticking);
     for row in rows {
-        assert!(press.to(number(row, "depth_mm")), "stopped at {}", press.depth());
-        let line = press.line();
+        assert!(press.press_to(number(row, "depth_mm")), "stopped at {}", press.depth());
+        let line = press.surface_line();
         let list = |key: &str| row[key].as_array().expect("a list").iter().map(|mm| mm.as_f64().expect("a number"));
         let mut off_um = 0.0_f64;
         for (r, w) in list("r_mm").zip(list("w_mm")) {
-            let own = interpolated(&line, r) - dome.map_or(0.0, |dome| sag(dome, r));
+            let own = interpolate_depth(&line, r) - dome.map_or(0.0, |dome| dome_sag(dome, r));
             off_um = off_um.max(1e3 * (own - w).abs());
         }
         let error_um = number(row, "error_max_um");
@@ -152,6 +154,6 @@ fn the_surface_beside_a_rounded_punch_is_that_of_the_table() {
         let along = (r - 1.5).max(0.0);
         if r <= 2.0 + 1e-9 { 0.5 - (0.25 - along * along).max(0.0).sqrt() } else { f64::INFINITY }
     };
-    let heights: Vec<f64> = (0..600).map(|k| z(f64::from(k) * super::body::PITCH_MM)).collect();
+    let heights: Vec<f64> = (0..600).map(|k| z(f64::from(k) * super::body::SAMPLE_SPACING_MM)).collect();
     agrees(&rows[..2], &heights, false, None);
 }

@@ -1,26 +1,26 @@
-//! What a mesh is like, and what a sensor would see of it: what `gelsim inspect` prints.
+//! Inspects meshes: what they are like, and what a sensor would see of them. `gelsim inspect` prints it.
 //!
 //! Facts are counted on the cleaned mesh ([`crate::inspect::surface`]) or measured on captures of its six sides
-//! ([`sides`]); findings ([`gelsim_job::inspection::findings`]) are what a user should act on, each with a way out. Capture takes
-//! the nearest surface whatever way it faces, so holes and flipped triangles are facts, not findings. Whether a surface
-//! passes through itself is not looked at, for the same reason.
+//! ([`sides`]). Findings ([`gelsim_job::inspection::findings`]) are what a user should act on, each with a remedy.
+//! Capture takes the nearest surface, whichever way it faces, so holes and flipped triangles are facts, not findings.
+//! For the same reason nobody checks whether a surface passes through itself.
 
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::inspect::surface::{Surface, survey};
+use crate::inspect::surface::{MeshSurvey, survey_mesh};
 use gelsim_core::mesh::CleanupReport;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_files::diagnostic::Severity;
-use gelsim_files::length::{Unit, is_plausible};
+use gelsim_files::length::{Unit, is_plausible_length};
 use gelsim_files::mesh;
-use gelsim_files::mesh::{Given, Loaded};
+use gelsim_files::mesh::{LoadedMesh, MeshFileSummary};
 use gelsim_job::config::scene::Face;
-use gelsim_job::inspection::findings::{self, Finding};
-use gelsim_job::inspection::sides::{self, Side};
-use gelsim_job::inspection::{LARGEST_MM, MeshSize, SensorPad};
+use gelsim_job::inspection::findings::{self, MeshFinding};
+use gelsim_job::inspection::sides::{self, SideReport};
+use gelsim_job::inspection::{MAX_EXTENT_MM, MeshSize, SensorPad};
 use gelsim_job::plan::faces;
 
 pub mod job;
@@ -28,10 +28,10 @@ pub mod set;
 pub mod surface;
 pub mod text;
 
-/// All that was inspected; the JSON that `gelsim inspect --json` prints.
+/// Result of an inspection: the JSON that `gelsim inspect --json` prints.
 #[derive(Clone, Debug, Serialize)]
 pub struct InspectReport {
-    /// What the meshes were held against.
+    /// Sensor that the meshes are compared with.
     pub pad: SensorPad,
     /// One entry per file, in the order asked for.
     pub meshes: Vec<Inspection>,
@@ -40,87 +40,89 @@ pub struct InspectReport {
 /// One file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Inspection {
-    /// Its path as it was given; what is not UTF-8 in it is replaced.
+    /// Path as it was given; bytes that are not UTF-8 are replaced.
     pub file: String,
-    /// That of the worst finding; `ok` without any.
+    /// Severity of the worst finding; `ok` without any.
     #[serde(serialize_with = "or_ok")]
     pub severity: Option<Severity>,
-    /// What is known of the mesh; null if it cannot be read.
+    /// Facts about the mesh; null if it cannot be read.
     pub mesh: Option<MeshFacts>,
-    /// What to know of it, the worst first.
-    pub findings: Vec<Finding>,
+    /// Findings, the worst first.
+    pub findings: Vec<MeshFinding>,
 }
 
-/// What was counted and measured.
+/// Facts that were counted and measured.
 #[derive(Clone, Debug, Serialize)]
 pub struct MeshFacts {
-    /// What the file held.
-    pub given: Given,
+    /// Contents of the file.
+    pub given: MeshFileSummary,
     /// SHA-256 of the file's bytes, lower-case hex.
     pub sha256: String,
-    /// The unit that its coordinates were taken for; null if it is none that a job names.
+    /// Unit in which its coordinates were read; null if it is none that a job can name.
     pub unit: Option<Unit>,
-    /// Millimetres that a coordinate of 1 was taken for.
+    /// Millimetres per unit of the coordinates.
     pub mm_per_unit: f64,
     /// Extents of the cleaned mesh along x, y, z, mm.
     pub size_mm: [f64; 3],
-    /// Centre of its bounding box, mm.
+    /// Centre of the bounding box, mm.
     pub centre_mm: [f64; 3],
-    /// Its size in every unit that there is.
-    pub readings: [Reading; 4],
-    /// Vertices after cleaning, each at another place.
+    /// Size in every unit.
+    pub readings: [UnitReading; 4],
+    /// Vertices after cleaning, all at different places.
     pub vertices: usize,
     /// Triangles after cleaning.
     pub triangles: usize,
     /// What cleaning dropped.
     pub cleaned: CleanupReport,
-    /// How the triangles hang together.
-    pub surface: Surface,
-    /// Rows of the sensor's pixels that its triangles fill, summed up, in the mean capture of a side: time goes with it.
+    /// How the triangles are connected.
+    pub surface: MeshSurvey,
+    /// Rows of the sensor's pixels that the triangles fill in the mean capture of a side, summed up: capture time is
+    /// proportional to it.
     pub rows_per_capture: f64,
     /// The six sides as captured; none if the mesh is too large, too small or too slow for that.
-    pub sides: Vec<Side>,
-    /// How large it is, and whether its file says so.
+    pub sides: Vec<SideReport>,
+    /// Size, and whether the file states it.
     #[serde(skip)]
     pub size: MeshSize,
-    /// The side that `face = "auto"` presses, the one with the most relief; null where the sides were not captured.
+    /// Side that `face = "auto"` presses, which has the most relief; null if the sides were not captured.
     pub auto_face: Option<Face>,
 }
 
 /// A mesh's size if its coordinates were in a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Reading {
+pub struct UnitReading {
     /// The unit.
     pub unit: Unit,
-    /// The largest extent then, mm.
+    /// Largest extent in that unit, mm.
     pub largest_mm: f64,
-    /// That is the size of something one presses into the pad: from a tenth of the view's shorter side to twenty times
-    /// its longer one.
+    /// Whether that is a plausible size of something that is pressed into the pad: from a tenth of the view's shorter
+    /// side to twenty times its longer one.
     pub plausible: bool,
 }
 
 impl MeshFacts {
-    fn new(loaded: Loaded, pad: &SensorPad) -> Self {
-        let Loaded { mesh, cleaned, sha256, given, mm_per_unit, states_its_unit, .. } = loaded;
+    fn new(loaded: LoadedMesh, pad: &SensorPad) -> Self {
+        let LoadedMesh { mesh, cleaned, sha256, file_summary: given, mm_per_unit, states_its_unit, .. } = loaded;
         let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
-        let (size_mm, largest_mm) = (size.size_mm, size.largest_mm());
+        let (size_mm, largest_mm) = (size.size_mm, size.largest_extent_mm());
         let readings = Unit::ALL.map(|other| {
-            let largest_mm = largest_mm / mm_per_unit * other.mm();
-            Reading { unit: other, largest_mm, plausible: is_plausible(largest_mm, pad.field_of_view_mm) }
+            let largest_mm = largest_mm / mm_per_unit * other.mm_per_unit();
+            UnitReading { unit: other, largest_mm, plausible: is_plausible_length(largest_mm, pad.field_of_view_mm) }
         });
-        let rows_per_capture = sides::rows(&mesh, pad);
-        let is_captured = (pad.pixel_mm()..=LARGEST_MM).contains(&largest_mm) && rows_per_capture <= sides::MOST_ROWS;
+        let rows_per_capture = sides::count_capture_rows(&mesh, pad);
+        let is_captured =
+            (pad.pixel_size_mm()..=MAX_EXTENT_MM).contains(&largest_mm) && rows_per_capture <= sides::MAX_ROWS;
         let (sides, auto_face) = if is_captured {
             let object = Clusters::new(&mesh);
-            let auto = Face::of(faces::richest(&object, pad.thickness_mm));
-            (sides::sides(&object, size_mm, pad), Some(auto))
+            let auto = Face::from_side(faces::find_richest_side(&object, pad.thickness_mm));
+            (sides::capture_sides(&object, size_mm, pad), Some(auto))
         } else {
             (Vec::new(), None)
         };
         Self {
             given,
             sha256,
-            unit: Unit::of_mm(mm_per_unit),
+            unit: Unit::from_mm(mm_per_unit),
             mm_per_unit,
             size_mm,
             centre_mm: mesh.centre_mm,
@@ -128,7 +130,7 @@ impl MeshFacts {
             vertices: mesh.vertices.len(),
             triangles: mesh.triangles.len(),
             cleaned,
-            surface: survey(&mesh, 2.0 * pad.pixel_mm()),
+            surface: survey_mesh(&mesh, 2.0 * pad.pixel_size_mm()),
             rows_per_capture,
             sides,
             size,
@@ -136,32 +138,33 @@ impl MeshFacts {
         }
     }
 
-    /// The largest extent, mm.
+    /// Largest extent, mm.
     pub fn largest_mm(&self) -> f64 {
-        self.size.largest_mm()
+        self.size.largest_extent_mm()
     }
 
-    /// All that there is to act on.
-    fn findings(&self, pad: &SensorPad) -> Vec<Finding> {
-        let mut found = findings::of_mesh(&self.size, &self.cleaned, pad);
-        found.extend(findings::slow(self.rows_per_capture));
-        // Of another size than the true one, sides tell nothing.
-        if is_plausible(self.largest_mm(), pad.field_of_view_mm) || self.size.known_from.is_some() {
-            found.extend(findings::captured(&self.sides, pad));
+    /// Lists all findings.
+    fn list_findings(&self, pad: &SensorPad) -> Vec<MeshFinding> {
+        let mut found = findings::inspect_mesh(&self.size, &self.cleaned, pad);
+        found.extend(findings::report_slow(self.rows_per_capture));
+        // At a wrong size the captured sides mean nothing.
+        if is_plausible_length(self.largest_mm(), pad.field_of_view_mm) || self.size.known_from.is_some() {
+            found.extend(findings::report_captures(&self.sides, pad));
         }
         found
     }
 }
 
-/// Looks at many meshes, on all threads; the worst first, those as bad as each other by their names. `seen` is told of each.
-pub fn inspect_set(
+/// Inspects many meshes on all threads. Returns the worst first, and equally bad ones by their names. Calls `seen`
+/// after each.
+pub fn inspect_meshes(
     paths: &[PathBuf],
-    reading: mesh::Reading,
+    reading: mesh::MeshReadOptions,
     pad: &SensorPad,
     seen: impl Fn() + Sync,
 ) -> Vec<Inspection> {
     let inspected = |path: &PathBuf| {
-        let inspection = inspect(path, reading, pad);
+        let inspection = inspect_mesh(path, reading, pad);
         seen();
         inspection
     };
@@ -170,23 +173,23 @@ pub fn inspect_set(
     found
 }
 
-/// Reads a mesh and looks at it as `pad` would.
-pub fn inspect(path: &Path, reading: mesh::Reading, pad: &SensorPad) -> Inspection {
+/// Reads a mesh and inspects it for the sensor's pad.
+pub fn inspect_mesh(path: &Path, reading: mesh::MeshReadOptions, pad: &SensorPad) -> Inspection {
     let (mesh, mut findings) = match mesh::load(path, reading) {
         Ok(loaded) => {
-            let remarks: Vec<Finding> = loaded.remarks.iter().map(findings::remark).collect();
+            let remarks: Vec<MeshFinding> = loaded.remarks.iter().map(findings::report_remark).collect();
             let facts = MeshFacts::new(loaded, pad);
-            let findings = remarks.into_iter().chain(facts.findings(pad)).collect();
+            let findings = remarks.into_iter().chain(facts.list_findings(pad)).collect();
             (Some(facts), findings)
         }
-        Err(error) => (None, vec![findings::unreadable(error)]),
+        Err(error) => (None, vec![findings::report_unreadable(error)]),
     };
     findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     let severity = findings.first().map(|finding| finding.severity);
     Inspection { file: path.to_string_lossy().into_owned(), severity, mesh, findings }
 }
 
-/// A severity's name in JSON and tables; `ok` without one.
+/// Name of a severity in JSON and tables; `ok` without one.
 pub fn severity_name(severity: Option<Severity>) -> &'static str {
     severity.map_or("ok", Severity::name)
 }

@@ -1,74 +1,74 @@
-//! How the triangles of a mesh hang together: parts, holes, crowded edges, triangles that face the wrong way.
+//! How the triangles of a mesh are connected: parts, holes, crowded edges, triangles that face the wrong way.
 //!
-//! Everything follows from the sorted list of edges, in O(n log n) on any mesh. Which triangles face the same way is
-//! kept in a union-find that carries a sign. Only equal positions count as one vertex (see [`gelsim_core::mesh`]): a seam
-//! whose sides differ in the last bit is a hole.
+//! Everything follows from the sorted list of edges, in O(n log n) for any mesh. Which triangles face the same way is
+//! kept in a union-find with signs. Only equal positions count as one vertex (see [`gelsim_core::mesh`]): a seam whose
+//! sides differ in the last bit is a hole.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 use gelsim_core::mesh::Mesh;
 
-/// What [`survey`] counts.
+/// Counts of [`survey_mesh`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Surface {
+pub struct MeshSurvey {
     /// Parts: triangles joined by edges that exactly two of them share.
     pub parts: usize,
     /// Parts without an open or crowded edge.
     pub closed_parts: usize,
-    /// Parts smaller than the size asked for, along all three axes.
+    /// Parts smaller than the size of a speck along all three axes.
     pub specks: usize,
-    /// Edges of only one triangle.
+    /// Edges that belong to a single triangle.
     pub open_edges: usize,
-    /// Holes: open edges that hang together count as the rim of one. The border of an open sheet is one, too.
+    /// Holes: connected open edges count as the rim of one. The border of an open sheet counts as one, too.
     pub holes: usize,
     /// Length of the longest rim, mm; 0 without a hole.
     pub longest_rim_mm: f64,
-    /// Edges of more than two triangles.
+    /// Edges shared by more than two triangles.
     pub non_manifold_edges: usize,
     /// Edges whose two triangles run along them in the same direction, and so face different ways.
     pub clashing_edges: usize,
     /// Triangles that face another way than most of their part.
     pub flipped_triangles: usize,
-    /// Closed parts most of whose triangles face inwards: cavities, or turned inside out.
+    /// Closed parts most of whose triangles face inwards: cavities, or parts turned inside out.
     pub inverted_parts: usize,
     /// Parts with no two sides, such as a Moebius strip.
     pub one_sided_parts: usize,
 }
 
-/// Counts what there is to know of a mesh's edges and parts; a part below `speck_mm` along every axis is a speck.
-pub fn survey(mesh: &Mesh, speck_mm: f64) -> Surface {
-    let mut surface = Surface::default();
-    let mut sets = Sets::new(mesh.triangles.len());
+/// Counts edges and parts of a mesh; a part smaller than `speck_mm` along every axis is a speck.
+pub fn survey_mesh(mesh: &Mesh, speck_mm: f64) -> MeshSurvey {
+    let mut surface = MeshSurvey::default();
+    let mut sets = DisjointSets::new(mesh.triangles.len());
     let mut open = Vec::new();
     let mut marks = Vec::new();
-    for uses in edges(mesh).chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)) {
+    for uses in list_edges(mesh).chunk_by(|a, b| (a.low, a.high) == (b.low, b.high)) {
         match uses {
             [only] => {
                 open.push([only.low, only.high]);
-                marks.push((only.triangle, Mark::Open));
+                marks.push((only.triangle, EdgeMark::Open));
             }
             [one, other] => {
                 let clash = one.upwards == other.upwards;
                 surface.clashing_edges += usize::from(clash);
                 if !sets.join(one.triangle, other.triangle, clash) {
-                    marks.push((one.triangle, Mark::OneSided));
+                    marks.push((one.triangle, EdgeMark::OneSided));
                 }
             }
             crowd => {
                 surface.non_manifold_edges += 1;
-                marks.extend(crowd.iter().map(|edge| (edge.triangle, Mark::Open)));
+                marks.extend(crowd.iter().map(|edge| (edge.triangle, EdgeMark::Open)));
             }
         }
     }
     surface.open_edges = open.len();
-    (surface.holes, surface.longest_rim_mm) = rims(mesh, &open);
+    (surface.holes, surface.longest_rim_mm) = measure_rims(mesh, &open);
     drop(open);
 
-    for part in parts(mesh, &mut sets, &marks) {
+    for part in collect_parts(mesh, &mut sets, &marks) {
         surface.parts += 1;
         surface.closed_parts += usize::from(!part.open);
-        surface.specks += usize::from(part.size() < speck_mm);
+        surface.specks += usize::from(part.largest_extent() < speck_mm);
         surface.flipped_triangles += part.triangles[0].min(part.triangles[1]);
         surface.inverted_parts += usize::from(!part.open && part.is_inverted());
         surface.one_sided_parts += usize::from(part.one_sided);
@@ -76,18 +76,18 @@ pub fn survey(mesh: &Mesh, speck_mm: f64) -> Surface {
     surface
 }
 
-/// An edge as one triangle has it.
+/// An edge as one of its triangles has it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Edge {
     low: u32,
     high: u32,
     triangle: u32,
-    /// The triangle runs from the lower vertex to the higher one.
+    /// Whether the triangle runs from the lower vertex to the higher one.
     upwards: bool,
 }
 
-/// Three per triangle, equal ones side by side.
-fn edges(mesh: &Mesh) -> Vec<Edge> {
+/// Lists the edges, three per triangle, sorted so that equal ones are adjacent.
+fn list_edges(mesh: &Mesh) -> Vec<Edge> {
     let mut edges = Vec::with_capacity(3 * mesh.triangles.len());
     for (triangle, [a, b, c]) in mesh.triangles.iter().enumerate() {
         for (from, to) in [(a, b), (b, c), (c, a)] {
@@ -99,12 +99,12 @@ fn edges(mesh: &Mesh) -> Vec<Edge> {
     edges
 }
 
-/// How many rims the open edges make, and the length of the longest, mm.
-fn rims(mesh: &Mesh, open: &[[u32; 2]]) -> (usize, f64) {
+/// Counts the rims that the open edges form, and measures the longest, mm.
+fn measure_rims(mesh: &Mesh, open: &[[u32; 2]]) -> (usize, f64) {
     if open.is_empty() {
         return (0, 0.0);
     }
-    let mut sets = Sets::new(mesh.vertices.len());
+    let mut sets = DisjointSets::new(mesh.vertices.len());
     for [from, to] in open {
         sets.join(*from, *to, false);
     }
@@ -112,7 +112,7 @@ fn rims(mesh: &Mesh, open: &[[u32; 2]]) -> (usize, f64) {
     for edge in open {
         let [from, to] = edge.map(|vertex| mesh.vertices[vertex as usize].map(f64::from));
         let squares: f64 = (0..3).map(|k| (to[k] - from[k]) * (to[k] - from[k])).sum();
-        lengths_mm[sets.find(edge[0]).0 as usize] += squares.sqrt();
+        lengths_mm[sets.find_root(edge[0]).0 as usize] += squares.sqrt();
     }
     let rims = open.iter().flatten().filter(|vertex| sets.parent[**vertex as usize] == **vertex);
     let mut first: Vec<u32> = rims.copied().collect();
@@ -121,14 +121,14 @@ fn rims(mesh: &Mesh, open: &[[u32; 2]]) -> (usize, f64) {
     (first.len(), lengths_mm.into_iter().fold(0.0, f64::max))
 }
 
-/// What an edge says about the part of a triangle.
+/// Mark that an edge sets on the part of its triangle.
 #[derive(Clone, Copy)]
-enum Mark {
+enum EdgeMark {
     Open,
     OneSided,
 }
 
-struct Part {
+struct MeshPart {
     low: [f32; 3],
     high: [f32; 3],
     /// Triangles that face as the part's first one does, and those that face the other way.
@@ -139,7 +139,7 @@ struct Part {
     one_sided: bool,
 }
 
-impl Part {
+impl MeshPart {
     const EMPTY: Self = Self {
         low: [f32::INFINITY; 3],
         high: [f32::NEG_INFINITY; 3],
@@ -150,26 +150,28 @@ impl Part {
     };
 
     /// Largest extent, mm.
-    fn size(&self) -> f64 {
+    fn largest_extent(&self) -> f64 {
         (0..3).map(|k| f64::from(self.high[k]) - f64::from(self.low[k])).fold(0.0, f64::max)
     }
 
+    /// Returns true if most triangles face inwards.
     fn is_inverted(&self) -> bool {
         let volume = if self.triangles[1] > self.triangles[0] { -self.volume } else { self.volume };
-        // A doubled sheet has none but for rounding.
-        volume < -1e-9 * self.size() * self.size() * self.size()
+        // Rounding gives a doubled sheet a tiny volume of either sign.
+        volume < -1e-9 * self.largest_extent() * self.largest_extent() * self.largest_extent()
     }
 }
 
-fn parts(mesh: &Mesh, sets: &mut Sets, marks: &[(u32, Mark)]) -> Vec<Part> {
+/// Collects the parts: triangles in one set, with the marks of their edges.
+fn collect_parts(mesh: &Mesh, sets: &mut DisjointSets, marks: &[(u32, EdgeMark)]) -> Vec<MeshPart> {
     let mut number = vec![u32::MAX; mesh.triangles.len()];
     let mut parts = Vec::new();
     for (triangle, corners) in mesh.triangles.iter().enumerate() {
-        let (first, turned) = sets.find(triangle as u32);
+        let (first, turned) = sets.find_root(triangle as u32);
         let number = &mut number[first as usize];
         if *number == u32::MAX {
             *number = parts.len() as u32;
-            parts.push(Part::EMPTY);
+            parts.push(MeshPart::EMPTY);
         }
         let part = &mut parts[*number as usize];
         let corners = corners.map(|vertex| mesh.vertices[vertex as usize]);
@@ -184,10 +186,10 @@ fn parts(mesh: &Mesh, sets: &mut Sets, marks: &[(u32, Mark)]) -> Vec<Part> {
         part.volume += if turned { -volume } else { volume };
     }
     for (triangle, mark) in marks {
-        let part = &mut parts[number[sets.find(*triangle).0 as usize] as usize];
+        let part = &mut parts[number[sets.find_root(*triangle).0 as usize] as usize];
         match mark {
-            Mark::Open => part.open = true,
-            Mark::OneSided => part.one_sided = true,
+            EdgeMark::Open => part.open = true,
+            EdgeMark::OneSided => part.one_sided = true,
         }
     }
     parts
@@ -199,26 +201,26 @@ fn six_volumes([a, b, c]: [[f64; 3]; 3]) -> f64 {
 }
 
 /// Disjoint sets whose members either agree with each other or are opposed.
-struct Sets {
+struct DisjointSets {
     parent: Vec<u32>,
-    /// Opposed to its parent.
+    /// Whether a member is opposed to its parent.
     opposed: Vec<bool>,
 }
 
-impl Sets {
+impl DisjointSets {
     fn new(count: usize) -> Self {
         Self { parent: (0..count as u32).collect(), opposed: vec![false; count] }
     }
 
-    /// The first member of a member's set, and whether the two are opposed.
-    fn find(&mut self, member: u32) -> (u32, bool) {
+    /// Returns the root of a member's set, and whether the member is opposed to it.
+    fn find_root(&mut self, member: u32) -> (u32, bool) {
         let (mut at, mut opposed) = (member as usize, false);
         loop {
             let parent = self.parent[at] as usize;
             if parent == at {
                 return (at as u32, opposed);
             }
-            // Halves the path for those who come after.
+            // Path halving: later searches are shorter.
             self.opposed[at] ^= self.opposed[parent];
             self.parent[at] = self.parent[parent];
             opposed ^= self.opposed[at];
@@ -226,10 +228,10 @@ impl Sets {
         }
     }
 
-    /// Puts two members in one set. False if they are in one already and are opposed where they should agree, or agree
-    /// where they should be opposed.
+    /// Joins the sets of two members, which are `opposed` or agree. Returns false if they are in one set already and
+    /// contradict that.
     fn join(&mut self, one: u32, other: u32, opposed: bool) -> bool {
-        let ((a, a_opposed), (b, b_opposed)) = (self.find(one), self.find(other));
+        let ((a, a_opposed), (b, b_opposed)) = (self.find_root(one), self.find_root(other));
         if a == b {
             return (a_opposed ^ b_opposed) == opposed;
         }
@@ -253,11 +255,11 @@ mod tests {
         ((0..8).map(corner).collect(), triangles)
     }
 
-    fn surveyed((vertices, triangles): (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> Surface {
-        survey(&Mesh::new(vertices, triangles).expect("a mesh").0, 0.1)
+    fn surveyed((vertices, triangles): (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> MeshSurvey {
+        survey_mesh(&Mesh::new(vertices, triangles).expect("a mesh").0, 0.1)
     }
 
-    fn both(one: (Vec<[f64; 3]>, Vec<[u32; 3]>), other: (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> Surface {
+    fn both(one: (Vec<[f64; 3]>, Vec<[u32; 3]>), other: (Vec<[f64; 3]>, Vec<[u32; 3]>)) -> MeshSurvey {
         let (mut vertices, mut triangles) = one;
         let shift = vertices.len() as u32;
         vertices.extend(other.0);
@@ -265,7 +267,7 @@ mod tests {
         surveyed((vertices, triangles))
     }
 
-    const SOUND: Surface = Surface {
+    const SOUND: MeshSurvey = MeshSurvey {
         parts: 1,
         closed_parts: 1,
         specks: 0,
@@ -288,7 +290,7 @@ mod tests {
     fn a_cube_without_its_lid_has_one_hole_with_the_lids_perimeter() {
         let (vertices, mut triangles) = cube([0.0; 3]);
         triangles.drain(2..4);
-        let open = Surface { closed_parts: 0, open_edges: 4, holes: 1, longest_rim_mm: 8.0, ..SOUND };
+        let open = MeshSurvey { closed_parts: 0, open_edges: 4, holes: 1, longest_rim_mm: 8.0, ..SOUND };
         assert_eq!(surveyed((vertices, triangles)), open);
     }
 
@@ -301,7 +303,7 @@ mod tests {
             corner[0] = 3.0 * corner[0] - 3.0;
             corner[1] = 3.0 * corner[1] - 3.0;
         }
-        let open = Surface { closed_parts: 0, open_edges: 8, holes: 2, longest_rim_mm: 24.0, ..SOUND };
+        let open = MeshSurvey { closed_parts: 0, open_edges: 8, holes: 2, longest_rim_mm: 24.0, ..SOUND };
         assert_eq!(surveyed((vertices, triangles)), open);
     }
 
@@ -309,7 +311,7 @@ mod tests {
     fn flipped_triangles_are_counted_and_a_cube_turned_inside_out_is_told_from_them() {
         let (vertices, mut triangles) = cube([0.0; 3]);
         triangles[4].swap(0, 1);
-        let flipped = Surface { clashing_edges: 3, flipped_triangles: 1, ..SOUND };
+        let flipped = MeshSurvey { clashing_edges: 3, flipped_triangles: 1, ..SOUND };
         assert_eq!(surveyed((vertices.clone(), triangles.clone())), flipped);
         // Which of them comes first must not matter.
         triangles.swap(0, 4);
@@ -317,16 +319,16 @@ mod tests {
 
         let (_, mut triangles) = cube([0.0; 3]);
         triangles.iter_mut().for_each(|corners| corners.swap(0, 1));
-        assert_eq!(surveyed((vertices.clone(), triangles.clone())), Surface { inverted_parts: 1, ..SOUND });
+        assert_eq!(surveyed((vertices.clone(), triangles.clone())), MeshSurvey { inverted_parts: 1, ..SOUND });
         triangles[4].swap(0, 1);
-        assert_eq!(surveyed((vertices, triangles)), Surface { inverted_parts: 1, ..flipped });
+        assert_eq!(surveyed((vertices, triangles)), MeshSurvey { inverted_parts: 1, ..flipped });
     }
 
     #[test]
     fn cubes_apart_at_a_corner_and_at_an_edge_are_two_parts() {
-        assert_eq!(both(cube([0.0; 3]), cube([5.0; 3])), Surface { parts: 2, closed_parts: 2, ..SOUND });
-        assert_eq!(both(cube([0.0; 3]), cube([2.0; 3])), Surface { parts: 2, closed_parts: 2, ..SOUND });
-        let at_an_edge = Surface { parts: 2, closed_parts: 0, non_manifold_edges: 1, ..SOUND };
+        assert_eq!(both(cube([0.0; 3]), cube([5.0; 3])), MeshSurvey { parts: 2, closed_parts: 2, ..SOUND });
+        assert_eq!(both(cube([0.0; 3]), cube([2.0; 3])), MeshSurvey { parts: 2, closed_parts: 2, ..SOUND });
+        let at_an_edge = MeshSurvey { parts: 2, closed_parts: 0, non_manifold_edges: 1, ..SOUND };
         assert_eq!(both(cube([0.0; 3]), cube([2.0, 2.0, 0.0])), at_an_edge);
     }
 
@@ -334,7 +336,7 @@ mod tests {
     fn a_speck_beside_a_cube_is_counted() {
         let (mut vertices, triangles) = cube([0.0; 3]);
         vertices.iter_mut().flatten().for_each(|x| *x = 50.0 + *x * 0.04);
-        let speck = Surface { parts: 2, closed_parts: 2, specks: 1, ..SOUND };
+        let speck = MeshSurvey { parts: 2, closed_parts: 2, specks: 1, ..SOUND };
         assert_eq!(both(cube([0.0; 3]), (vertices, triangles)), speck);
     }
 

@@ -7,7 +7,7 @@ use super::*;
 use gelsim_core::pose::Anchor;
 use gelsim_files::sensor::PRESETS;
 use gelsim_job::config::scene::Face;
-use gelsim_job::inspection::findings::Kind;
+use gelsim_job::inspection::findings::FindingKind;
 
 type Shape = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
@@ -57,23 +57,23 @@ fn inspected((vertices, triangles): &Shape, unit: Unit) -> Inspection {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("shape.obj");
     fs::write(&path, text).expect("a file");
-    inspect(&path, unit.mm().into(), &pad())
+    inspect_mesh(&path, unit.mm_per_unit().into(), &pad())
 }
 
 fn pad() -> SensorPad {
-    SensorPad::preset("gelsight-2014").expect("a preset")
+    SensorPad::from_preset("gelsight-2014").expect("a preset")
 }
 
-fn kinds(inspection: &Inspection) -> Vec<Kind> {
+fn kinds(inspection: &Inspection) -> Vec<FindingKind> {
     inspection.findings.iter().map(|finding| finding.kind).collect()
 }
 
-fn message(inspection: &Inspection, kind: Kind) -> String {
+fn message(inspection: &Inspection, kind: FindingKind) -> String {
     let found = inspection.findings.iter().find(|finding| finding.kind == kind);
     found.unwrap_or_else(|| panic!("no {kind:?} in {:?}", inspection.findings)).message.clone()
 }
 
-fn side(inspection: &Inspection, face: Face) -> &Side {
+fn side(inspection: &Inspection, face: Face) -> &SideReport {
     let sides = &inspection.mesh.as_ref().expect("a mesh").sides;
     sides.iter().find(|side| side.face == face).expect("six sides")
 }
@@ -81,9 +81,9 @@ fn side(inspection: &Inspection, face: Face) -> &Side {
 #[test]
 fn every_preset_is_a_pad_and_nothing_else_is() {
     for (name, _) in PRESETS {
-        assert_eq!(SensorPad::preset(name).expect("a pad").sensor, name);
+        assert_eq!(SensorPad::from_preset(name).expect("a pad").sensor, name);
     }
-    assert_eq!(SensorPad::preset("gelsight"), None);
+    assert_eq!(SensorPad::from_preset("gelsight"), None);
 }
 
 #[test]
@@ -119,41 +119,41 @@ const FACES_AND_OUTLINES: [(Face, [f64; 2]); 6] = [
 fn a_mug_in_metres_is_told_from_one_that_is_a_tenth_of_a_millimetre_large() {
     let mug = cup(0.04, 0.09);
     let wrong = inspected(&mug, Unit::Mm);
-    assert_eq!((wrong.severity, kinds(&wrong)), (Some(Severity::Warning), vec![Kind::Unit]));
-    let text = message(&wrong, Kind::Unit);
+    assert_eq!((wrong.severity, kinds(&wrong)), (Some(Severity::Warning), vec![FindingKind::Unit]));
+    let text = message(&wrong, FindingKind::Unit);
     assert!(text.contains("0.09 mm long") && text.contains("look like metres (90 mm)"), "{text}");
     assert!(wrong.findings.iter().any(|finding| finding.help.contains("unit = \"m\"")));
 
     let right = inspected(&mug, Unit::M);
-    assert!(!kinds(&right).contains(&Kind::Unit), "{:?}", right.findings);
+    assert!(!kinds(&right).contains(&FindingKind::Unit), "{:?}", right.findings);
     assert!(
-        text::block(&right, &pad(), None).contains("1 hole with 64 open edges"),
+        text::format_inspection(&right, &pad(), None).contains("1 hole with 64 open edges"),
         "{}",
-        text::block(&right, &pad(), None)
+        text::format_inspection(&right, &pad(), None)
     );
     // Its mouth is a ring larger than the view: the middle touches nothing, wherever the anchor is.
     assert_eq!((side(&right, Face::PlusZ).anchor, side(&right, Face::PlusZ).slips), (None, false));
-    assert!(message(&right, Kind::OffCentre).starts_with("+z: in the middle"), "{:?}", right.findings);
+    assert!(message(&right, FindingKind::OffCentre).starts_with("+z: in the middle"), "{:?}", right.findings);
     // Its bottom covers the view.
-    assert!(message(&right, Kind::Featureless).starts_with("-z: a flat face"), "{:?}", right.findings);
+    assert!(message(&right, FindingKind::Featureless).starts_with("-z: a flat face"), "{:?}", right.findings);
 
     let inches = inspected(&block([0.0; 3], [1.2, 0.5, 0.5]), Unit::Mm);
-    assert!(message(&inches, Kind::Unit).contains("look like inches (30.5 mm)"));
+    assert!(message(&inches, FindingKind::Unit).contains("look like inches (30.5 mm)"));
     assert!(inches.findings[0].help.contains("unit = \"in\""));
     let twice = inspected(&block([0.0; 3], [30.0, 40.0, 50.0]), Unit::In);
-    assert!(message(&twice, Kind::Unit).contains("look like millimetres (50 mm)"));
+    assert!(message(&twice, FindingKind::Unit).contains("look like millimetres (50 mm)"));
 }
 
 #[test]
 fn sizes_that_cannot_be_captured_are_warnings() {
     let huge = inspected(&block([0.0; 3], [1e5; 3]), Unit::Mm);
-    assert_eq!((huge.severity, kinds(&huge)[0]), (Some(Severity::Warning), Kind::TooLarge));
+    assert_eq!((huge.severity, kinds(&huge)[0]), (Some(Severity::Warning), FindingKind::TooLarge));
     assert!(huge.mesh.as_ref().is_some_and(|facts| facts.sides.is_empty() && facts.surface.closed_parts == 1));
     let tiny = inspected(&block([0.0; 3], [1e-2; 3]), Unit::Mm);
-    assert_eq!((tiny.severity, kinds(&tiny)[0]), (Some(Severity::Warning), Kind::TooSmall));
-    assert!(message(&tiny, Kind::TooSmall).contains("look like metres (10 mm)"));
+    assert_eq!((tiny.severity, kinds(&tiny)[0]), (Some(Severity::Warning), FindingKind::TooSmall));
+    assert!(message(&tiny, FindingKind::TooSmall).contains("look like metres (10 mm)"));
     let long = inspected(&block([0.0; 3], [500.0, 20.0, 20.0]), Unit::Mm);
-    assert_eq!((long.severity, kinds(&long)[0]), (Some(Severity::Note), Kind::Large));
+    assert_eq!((long.severity, kinds(&long)[0]), (Some(Severity::Note), FindingKind::Large));
 }
 
 #[test]
@@ -161,17 +161,17 @@ fn extreme_coordinates_are_inspected_without_a_panic() {
     for size in [f64::from(f32::MAX), 1e20, 1e-20, 1e-40] {
         let inspection = inspected(&(vec![[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]], vec![[0, 1, 2]]), Unit::Mm);
         assert!(inspection.severity >= Some(Severity::Warning), "{size}: {:?}", inspection.findings);
-        assert!(!text::block(&inspection, &pad(), None).is_empty());
+        assert!(!text::format_inspection(&inspection, &pad(), None).is_empty());
     }
 }
 
 #[test]
 fn what_a_job_cannot_read_is_an_error_without_facts() {
-    let missing = inspect(Path::new("no-such-file.obj"), 1.0.into(), &pad());
-    assert!(missing.mesh.is_none() && kinds(&missing) == [Kind::Unreadable]);
+    let missing = inspect_mesh(Path::new("no-such-file.obj"), 1.0.into(), &pad());
+    assert!(missing.mesh.is_none() && kinds(&missing) == [FindingKind::Unreadable]);
     assert_eq!(missing.severity, Some(Severity::Error));
     let flat = inspected(&(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![[0, 1, 2]]), Unit::Mm);
-    assert_eq!(message(&flat, Kind::Unreadable), "no triangle left: dropped 1 triangle without area");
+    assert_eq!(message(&flat, FindingKind::Unreadable), "no triangle left: dropped 1 triangle without area");
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn flaws_that_capture_does_not_mind_are_facts_and_nothing_to_act_on() {
         change(&mut triangles);
         let inspection = inspected(&(vertices.clone(), triangles), Unit::Mm);
         assert_eq!(inspection.severity, None, "{:?}", inspection.findings);
-        let text = text::block(&inspection, &pad(), None);
+        let text = text::format_inspection(&inspection, &pad(), None);
         assert!(text.contains(fact), "{fact:?} in {text}");
     };
     said(&|triangles| triangles[3].swap(0, 2), "1 triangle that faces another way");
@@ -196,9 +196,9 @@ fn a_missing_lid_is_a_hole_and_its_rim_without_thickness_slips_between_the_pixel
     let (vertices, mut triangles) = block([-4.0; 3], [4.0; 3]);
     triangles.drain(2..4);
     let inspection = inspected(&(vertices, triangles), Unit::Mm);
-    assert_eq!(kinds(&inspection), [Kind::Slips]);
-    assert!(message(&inspection, Kind::Slips).starts_with("+z: "), "{:?}", inspection.findings);
-    let text = text::block(&inspection, &pad(), None);
+    assert_eq!(kinds(&inspection), [FindingKind::Slips]);
+    assert!(message(&inspection, FindingKind::Slips).starts_with("+z: "), "{:?}", inspection.findings);
+    let text = text::format_inspection(&inspection, &pad(), None);
     assert!(text.contains("1 hole with 4 open edges, the longest 32 mm around"), "{text}");
 }
 
@@ -214,8 +214,8 @@ fn a_fan_of_long_slivers_is_not_captured_and_the_reason_given() {
     let triangles = (0..count).map(|i| [i, (i + 1) % count, count]).collect();
     let inspection = inspected(&(vertices, triangles), Unit::Mm);
     let facts = inspection.mesh.as_ref().expect("a mesh");
-    assert!(facts.sides.is_empty() && facts.rows_per_capture > sides::MOST_ROWS, "{}", facts.rows_per_capture);
-    assert_eq!(kinds(&inspection), [Kind::Slow]);
+    assert!(facts.sides.is_empty() && facts.rows_per_capture > sides::MAX_ROWS, "{}", facts.rows_per_capture);
+    assert_eq!(kinds(&inspection), [FindingKind::Slow]);
 }
 
 #[test]
@@ -223,7 +223,7 @@ fn an_edge_where_two_cubes_touch_is_a_fact() {
     let inspection =
         inspected(&together([block([-4.0; 3], [0.0; 3]), block([0.0, 0.0, -4.0], [4.0, 4.0, 0.0])]), Unit::Mm);
     assert_eq!(inspection.severity, None, "{:?}", inspection.findings);
-    let text = text::block(&inspection, &pad(), None);
+    let text = text::format_inspection(&inspection, &pad(), None);
     assert!(text.contains("1 edge of more than two triangles"), "{text}");
 }
 
@@ -233,7 +233,7 @@ fn vertices_that_are_not_finite_are_a_warning() {
     vertices.push([f64::NAN, 0.0, 0.0]);
     triangles.push([0, 1, 8]);
     let inspection = inspected(&(vertices, triangles), Unit::Mm);
-    assert_eq!((inspection.severity, kinds(&inspection)), (Some(Severity::Warning), vec![Kind::NotFinite]));
+    assert_eq!((inspection.severity, kinds(&inspection)), (Some(Severity::Warning), vec![FindingKind::NotFinite]));
 }
 
 #[test]
@@ -243,7 +243,7 @@ fn a_needle_between_the_pixels_slips_and_one_on_a_pixel_is_thin() {
     let slips = inspected(&needle(0.0), Unit::Mm);
     assert!(side(&slips, Face::MinusZ).slips && side(&slips, Face::PlusZ).slips, "{:?}", slips.findings);
     assert_eq!(slips.severity, Some(Severity::Warning));
-    assert!(message(&slips, Kind::Slips).contains("-z, +z"), "{:?}", slips.findings);
+    assert!(message(&slips, FindingKind::Slips).contains("-z, +z"), "{:?}", slips.findings);
 
     // A plate beside it moves the bounds so that the needle is half a pixel from their middle.
     let plate = block([-5.0, -5.0, 8.0], [5.0, 5.0, 9.0]);
@@ -251,7 +251,7 @@ fn a_needle_between_the_pixels_slips_and_one_on_a_pixel_is_thin() {
     let below = side(&met, Face::MinusZ);
     assert_eq!((below.touching_px, below.slips, below.anchor), (1, false, Some(Anchor::Bounds)));
     assert_eq!(below.thin_fraction, 1.0);
-    assert!(message(&met, Kind::Thin).contains("up to 100 %"), "{:?}", met.findings);
+    assert!(message(&met, FindingKind::Thin).contains("up to 100 %"), "{:?}", met.findings);
 }
 
 #[test]
@@ -262,11 +262,11 @@ fn a_fin_below_two_pixels_is_thin_and_one_of_three_is_not() {
     };
     let thin = fin(0.05);
     assert_eq!(thin.severity, Some(Severity::Warning), "{:?}", thin.findings);
-    assert!(message(&thin, Kind::Thin).starts_with("-z: up to 100 %"), "{:?}", thin.findings);
+    assert!(message(&thin, FindingKind::Thin).starts_with("-z: up to 100 %"), "{:?}", thin.findings);
     assert_eq!(side(&thin, Face::MinusZ).thin_fraction, 1.0);
     let wide = fin(0.1);
     assert!(side(&wide, Face::MinusZ).thin_fraction < 0.05, "{:?}", side(&wide, Face::MinusZ));
-    assert!(!kinds(&wide).contains(&Kind::Thin));
+    assert!(!kinds(&wide).contains(&FindingKind::Thin));
     // The fin stands on one side of the plate only.
     assert!(side(&thin, Face::PlusZ).thin_fraction < 1e-3);
 }
@@ -279,7 +279,11 @@ fn a_foot_outside_the_view_asks_for_the_contact_anchor() {
     let below = side(&inspection, Face::MinusZ);
     assert_eq!((below.anchor, below.slips, below.fits), (Some(Anchor::Contact), false, false));
     assert_eq!(below.touching_px, 160 * 160);
-    assert!(message(&inspection, Kind::OffCentre).starts_with("-z: with its bounds"), "{:?}", inspection.findings);
+    assert!(
+        message(&inspection, FindingKind::OffCentre).starts_with("-z: with its bounds"),
+        "{:?}",
+        inspection.findings
+    );
 }
 
 #[test]
@@ -288,13 +292,17 @@ fn two_parts_and_a_speck_are_told_apart() {
     let found = inspected(&together([block([-4.0; 3], [4.0; 3]), block([5.0; 3], [6.0; 3]), speck]), Unit::Mm);
     let surface = &found.mesh.as_ref().expect("a mesh").surface;
     assert_eq!((surface.parts, surface.closed_parts, surface.specks), (3, 3, 1));
-    assert!(text::block(&found, &pad(), None).contains("1 part smaller than two pixels"), "{:?}", found.findings);
+    assert!(
+        text::format_inspection(&found, &pad(), None).contains("1 part smaller than two pixels"),
+        "{:?}",
+        found.findings
+    );
 }
 
 #[test]
 fn a_mesh_far_from_its_origin_is_noted() {
     let far = inspected(&block([1e6, 0.0, 0.0], [1e6 + 8.0, 8.0, 8.0]), Unit::Mm);
-    assert_eq!((far.severity, kinds(&far)), (Some(Severity::Note), vec![Kind::FarFromOrigin]));
+    assert_eq!((far.severity, kinds(&far)), (Some(Severity::Note), vec![FindingKind::FarFromOrigin]));
     let near = inspected(&block([1e3, 0.0, 0.0], [1e3 + 8.0, 8.0, 8.0]), Unit::Mm);
     assert_eq!(near.severity, None, "{:?}", near.findings);
 }
@@ -317,8 +325,8 @@ fn a_mesh_that_was_divided_by_its_own_size_has_no_unit() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("shape.obj");
         fs::write(&path, text).expect("a file");
-        let inspection = inspect(&path, mesh::Reading::default(), &pad);
-        assert_eq!(kinds(&inspection), [Kind::Normalised], "{:?}", inspection.findings);
+        let inspection = inspect_mesh(&path, mesh::MeshReadOptions::default(), &pad);
+        assert_eq!(kinds(&inspection), [FindingKind::Normalised], "{:?}", inspection.findings);
         assert!(inspection.findings[0].help.contains("length_mm = 75"), "{:?}", inspection.findings);
     }
 }

@@ -1,8 +1,8 @@
 //! Exact Euclidean distances, in mm, from every pixel to the nearest marked one.
 //!
-//! Two passes: along columns the nearest marked pixel by counting, along rows the lower envelope of the parabolas
-//! that the columns leave (Felzenszwalb and Huttenlocher 2012, Distance Transforms of Sampled Functions). Pixels may
-//! be wider than high.
+//! Two passes (Felzenszwalb and Huttenlocher 2012, Distance Transforms of Sampled Functions): along each column, count
+//! the rows to the nearest marked pixel; along each row, take the lower envelope of the parabolas that the columns
+//! give. Pixels may be wider than high.
 
 use gelsim_core::base::grid::Grid;
 
@@ -16,7 +16,7 @@ pub fn squared_distance_mm2(mask: &Grid<u8>, mm_per_px: [f64; 2]) -> Grid<f64> {
     }
     let mut envelope = Envelope::default();
     for y in 0..squares.height {
-        envelope.lower(squares.row_mut(y), mm_per_column);
+        envelope.write_lowest(squares.row_mut(y), mm_per_column);
     }
     squares
 }
@@ -55,11 +55,11 @@ struct Parabola {
 }
 
 impl Envelope {
-    /// Replaces every value of `row` by the lowest of all its parabolas there.
-    fn lower(&mut self, row: &mut [f64], step_mm: f64) {
+    /// Replaces each value of `row` by the lowest parabola there.
+    fn write_lowest(&mut self, row: &mut [f64], step_mm: f64) {
         self.parabolas.clear();
         for (column, &height) in row.iter().enumerate() {
-            // A parabola at infinity is lowest nowhere, and would make the crossing NaN.
+            // A parabola at infinity is lowest nowhere, and would make the crossing with others NaN.
             if height.is_finite() {
                 self.push(column as f64, height, step_mm);
             }
@@ -79,7 +79,7 @@ impl Envelope {
         }
     }
 
-    /// Adds a parabola to the right of all others.
+    /// Adds a parabola to the right of all others, and removes those that it hides.
     fn push(&mut self, column: f64, height: f64, step_mm: f64) {
         let mut from = f64::NEG_INFINITY;
         while let Some(last) = self.parabolas.last() {

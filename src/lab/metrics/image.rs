@@ -1,4 +1,4 @@
-//! How far two 8-bit RGB images are apart: mean absolute error, PSNR, SSIM; over all pixels or over a mask.
+//! Differences between two 8-bit RGB images: mean absolute error, PSNR, SSIM; over all pixels or over a mask.
 //!
 //! SSIM is that of Wang, Bovik, Sheikh and Simoncelli 2004 (Gaussian windows of sigma 1.5 px), with the choices of
 //! scikit-image's `structural_similarity(a, b, channel_axis=2, gaussian_weights=True, sigma=1.5,
@@ -13,10 +13,10 @@ const CHANNELS: usize = 3;
 /// Reach of the Gaussian windows: 3.5 sigma, rounded.
 const RADIUS: usize = 5;
 const WINDOW: usize = 2 * RADIUS + 1;
-/// Keep the quotients of flat areas finite: (K1 L)^2 and (K2 L)^2.
+/// SSIM's constants (K1 L)^2 and (K2 L)^2, which keep the quotients of flat areas finite.
 const C1: f64 = (0.01 * RANGE) * (0.01 * RANGE);
 const C2: f64 = (0.03 * RANGE) * (0.03 * RANGE);
-/// Filtered at once: both images, the sum of their squares, their product.
+/// Number of fields that are filtered: both images, the sum of their squares, their product.
 const FIELDS: usize = 4;
 
 /// Mean absolute difference over pixels and channels, grey levels (0 to 255); 0 for images without pixels.
@@ -44,7 +44,7 @@ pub fn psnr_db(a: &[u8], b: &[u8]) -> Option<f64> {
 /// Mean structural similarity, 1 for identical images.
 ///
 /// The mean leaves out 5 pixels at every side, whose windows reach over the border; a side that is less than 11
-/// pixels long (scikit-image refuses those) is used whole. 1 for images without pixels.
+/// pixels long (scikit-image refuses those) is used in full. 1 for images without pixels.
 ///
 /// # Panics
 ///
@@ -53,7 +53,7 @@ pub fn ssim(a: &[u8], b: &[u8], width: usize, height: usize) -> f64 {
     ssim_mean(&ssim_map(a, b, width, height))
 }
 
-/// What [`ssim`] is, from the images' [`ssim_map`].
+/// Mean structural similarity as [`ssim`] has it, from the images' [`ssim_map`].
 pub fn ssim_mean(map: &Grid<f64>) -> f64 {
     let span = |size: usize| if size >= WINDOW { (RADIUS, size - RADIUS) } else { (0, size) };
     let ((x0, x1), (y0, y1)) = (span(map.width), span(map.height));
@@ -67,7 +67,7 @@ pub fn ssim_mean(map: &Grid<f64>) -> f64 {
 /// # Panics
 ///
 /// If `image` is not of the mask's size.
-pub fn masked(image: &[u8], mask: &Grid<u8>) -> Vec<u8> {
+pub fn masked_pixels(image: &[u8], mask: &Grid<u8>) -> Vec<u8> {
     assert_eq!(image.len(), mask.data.len() * CHANNELS, "image and mask of two sizes");
     image
         .chunks_exact(CHANNELS)
@@ -119,14 +119,14 @@ pub fn ssim_map(a: &[u8], b: &[u8], width: usize, height: usize) -> Grid<f64> {
     if map.data.is_empty() {
         return map;
     }
-    let weights = gaussian();
+    let weights = gaussian_weights();
     let samples = width * CHANNELS;
-    let columns: Vec<usize> = (0..width + 2 * RADIUS).map(|x| mirrored(x, width)).collect();
-    let mut padded = Fields::new(columns.len() * CHANNELS);
-    // Rows already filtered along themselves. A window needs 11 neighbouring rows, mirrored ones included, so the
-    // row's number modulo 11 finds them.
-    let mut ring: Vec<Fields> = (0..WINDOW).map(|_| Fields::new(samples)).collect();
-    let mut means = Fields::new(samples);
+    let columns: Vec<usize> = (0..width + 2 * RADIUS).map(|x| mirror_index(x, width)).collect();
+    let mut padded = SsimFields::new(columns.len() * CHANNELS);
+    // Rows that are filtered along themselves. A window needs 11 neighbouring rows, mirrored ones included, so a row's
+    // number modulo 11 finds its place.
+    let mut ring: Vec<SsimFields> = (0..WINDOW).map(|_| SsimFields::new(samples)).collect();
+    let mut means = SsimFields::new(samples);
     let mut done = 0;
     simd::simd_dispatch(
         #[inline(always)]
@@ -134,13 +134,14 @@ pub fn ssim_map(a: &[u8], b: &[u8], width: usize, height: usize) -> Grid<f64> {
             for y in 0..height {
                 while done < height.min(y + RADIUS + 1) {
                     let row = done * samples..(done + 1) * samples;
-                    padded.fill(&a[row.clone()], &b[row], &columns);
+                    padded.fill_row(&a[row.clone()], &b[row], &columns);
                     ring[done % WINDOW].filter_along(&padded, &weights);
                     done += 1;
                 }
-                let rows: [&Fields; WINDOW] = std::array::from_fn(|tap| &ring[mirrored(y + tap, height) % WINDOW]);
+                let rows: [&SsimFields; WINDOW] =
+                    std::array::from_fn(|tap| &ring[mirror_index(y + tap, height) % WINDOW]);
                 means.filter_across(&rows, &weights);
-                means.similarity(map.row_mut(y));
+                means.write_ssim(map.row_mut(y));
             }
         },
     );
@@ -148,16 +149,16 @@ pub fn ssim_map(a: &[u8], b: &[u8], width: usize, height: usize) -> Grid<f64> {
 }
 
 /// One row of the four fields, channels interleaved.
-struct Fields([Vec<f64>; FIELDS]);
+struct SsimFields([Vec<f64>; FIELDS]);
 
-impl Fields {
+impl SsimFields {
     fn new(samples: usize) -> Self {
         Self(std::array::from_fn(|_| vec![0.0; samples]))
     }
 
-    /// A row of both images, taken at `columns`.
+    /// Fills the fields from a row of both images, taken at `columns`.
     #[inline(always)]
-    fn fill(&mut self, a: &[u8], b: &[u8], columns: &[usize]) {
+    fn fill_row(&mut self, a: &[u8], b: &[u8], columns: &[usize]) {
         let [first, second, squares, product] = &mut self.0;
         for (at, column) in columns.iter().enumerate() {
             for channel in 0..CHANNELS {
@@ -168,27 +169,27 @@ impl Fields {
         }
     }
 
-    /// Weighted means along a row that is continued by [`RADIUS`] pixels at both ends.
+    /// Computes weighted means along a row that is continued by [`RADIUS`] pixels at both ends.
     #[inline(always)]
     fn filter_along(&mut self, padded: &Self, weights: &[f64; RADIUS + 1]) {
         for (out, padded) in self.0.iter_mut().zip(&padded.0) {
             let taps: [&[f64]; WINDOW] = std::array::from_fn(|tap| &padded[tap * CHANNELS..][..out.len()]);
-            weigh(out, &taps, weights);
+            add_weighted_rows(out, &taps, weights);
         }
     }
 
-    /// Weighted means of rows, sample by sample.
+    /// Computes weighted means of rows, sample by sample.
     #[inline(always)]
     fn filter_across(&mut self, rows: &[&Self; WINDOW], weights: &[f64; RADIUS + 1]) {
         for (field, out) in self.0.iter_mut().enumerate() {
             let taps: [&[f64]; WINDOW] = std::array::from_fn(|tap| &rows[tap].0[field][..out.len()]);
-            weigh(out, &taps, weights);
+            add_weighted_rows(out, &taps, weights);
         }
     }
 
-    /// Structural similarity of each pixel from the windows' means.
+    /// Writes the structural similarity of each pixel from the windows' means.
     #[inline(always)]
-    fn similarity(&self, out: &mut [f64]) {
+    fn write_ssim(&self, out: &mut [f64]) {
         let [first, second, squares, product] = &self.0;
         for (x, out) in out.iter_mut().enumerate() {
             let mut sum = 0.0;
@@ -203,9 +204,9 @@ impl Fields {
     }
 }
 
-/// Weighted means of eleven rows of samples: the outermost pair has the first weight, the middle one the last.
+/// Computes weighted means of eleven rows of samples: the outermost pair has the first weight, the middle row the last.
 #[inline(always)]
-fn weigh(out: &mut [f64], taps: &[&[f64]; WINDOW], weights: &[f64; RADIUS + 1]) {
+fn add_weighted_rows(out: &mut [f64], taps: &[&[f64]; WINDOW], weights: &[f64; RADIUS + 1]) {
     for (i, out) in out.iter_mut().enumerate() {
         let mut sum = weights[RADIUS] * taps[RADIUS][i];
         for (pair, weight) in weights[..RADIUS].iter().enumerate() {
@@ -215,8 +216,8 @@ fn weigh(out: &mut [f64], taps: &[&[f64]; WINDOW], weights: &[f64; RADIUS + 1]) 
     }
 }
 
-/// Half of the window's weights, from its rim to its middle.
-fn gaussian() -> [f64; RADIUS + 1] {
+/// Returns half of the window's weights, from its rim to its middle.
+fn gaussian_weights() -> [f64; RADIUS + 1] {
     let weights: [f64; RADIUS + 1] = std::array::from_fn(|i| {
         let distance = (RADIUS - i) as f64 / 1.5;
         libm::exp(-0.5 * distance * distance)
@@ -225,9 +226,9 @@ fn gaussian() -> [f64; RADIUS + 1] {
     weights.map(|weight| weight / sum)
 }
 
-/// The pixel shown at `at - RADIUS` when `size` pixels are continued by mirrors behind both edges.
+/// Returns the pixel shown at `at - RADIUS` if `size` pixels are continued by mirror images at both edges.
 #[inline(always)]
-fn mirrored(at: usize, size: usize) -> usize {
+fn mirror_index(at: usize, size: usize) -> usize {
     let period = 2 * size;
     // Small images are mirrored more than once; the second term keeps the difference from going below 0.
     let folded = (at + period * RADIUS - RADIUS) % period;
@@ -322,7 +323,7 @@ mod tests {
         b.copy_from_slice(&a);
         b[(4 * 20 + 8) * 3] ^= 1;
         b[0] ^= 255;
-        assert_eq!(mae(&masked(&a, &mask), &masked(&b, &mask)), 1.0 / 9.0);
+        assert_eq!(mae(&masked_pixels(&a, &mask), &masked_pixels(&b, &mask)), 1.0 / 9.0);
         let mut map = Grid::new(20, 13);
         map.row_mut(4)[5..9].copy_from_slice(&[8.0, 1.0, 2.0, 6.0]);
         assert_eq!(masked_mean(&map, &mask), Some(3.0));

@@ -1,4 +1,4 @@
-//! How far two results are apart: images, pad surfaces, and figures of many samples.
+//! Differences between two results: images, pad surfaces, and figures of many samples.
 //!
 //! Nothing here knows where the two came from: a fidelity level and its reference, or a real image and a simulated one.
 

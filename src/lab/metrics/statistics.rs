@@ -1,9 +1,9 @@
-//! Median, quantiles, and the choices that no other choice beats.
+//! Median, quantiles, and the Pareto front of choices that no other choice beats.
 //!
 //! Quantiles are interpolated linearly between order statistics, as numpy does by default (Hyndman and Fan 1996,
 //! type 7).
 
-/// The middle of `values`; of an even number the mean of the middle two. None without values, NaN if there is one.
+/// Median of `values`; of an even number the mean of the middle two. None without values, NaN if one is NaN.
 pub fn median(values: &[f64]) -> Option<f64> {
     quantile(values, 0.5)
 }
@@ -71,8 +71,8 @@ mod tests {
     }
 
     proptest! {
-        /// Plain reference implementation: along the order of cost, a point is on the front if its error is the least so
-        /// far.
+        /// Plain reference implementation: along the order of cost, a point is on the front if its error is the least
+        /// so far.
         #[test]
         fn the_front_is_what_a_walk_along_the_cost_finds(points in prop::collection::vec((0u8..6, 0u8..6), 0..30)) {
             let points: Vec<(f64, f64)> = points.iter().map(|p| (p.0.into(), p.1.into())).collect();

@@ -1,4 +1,4 @@
-//! How far two surfaces of the pad are apart: in height, and in the direction of their normals.
+//! Differences between two surfaces of the pad: in height, and in the direction of their normals.
 //!
 //! Heights are compared in the view, normals in the contact and in the ring around it, where light shows them. Slopes
 //! are centred differences, as in [`gelsim_core::optics::normals`], but in f64.
@@ -19,19 +19,19 @@ pub struct SurfaceError {
     /// Largest height difference, um; 0 for surfaces without pixels, NaN if a height is.
     pub height_max_um: f64,
     /// Angles between the normals in the contact and in the ring around it; None without contact.
-    pub near: Option<Angles>,
+    pub near: Option<NormalAngles>,
     /// Angles between the normals inside the contact; None without contact.
-    pub contact: Option<Angles>,
+    pub contact: Option<NormalAngles>,
     /// Angles between the normals outside the contact, at most [`RING_MM`] from it; None without contact or if it
     /// fills the view.
-    pub ring: Option<Angles>,
+    pub ring: Option<NormalAngles>,
     /// Share of the view that is in that ring, 0 to 1.
     pub ring_share: f64,
 }
 
 /// Angles between two surfaces' normals, over a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Angles {
+pub struct NormalAngles {
     /// Mean, degrees.
     pub mean_deg: f64,
     /// 95th percentile, degrees.
@@ -44,7 +44,12 @@ pub struct Angles {
 /// # Panics
 ///
 /// If the sizes do not match.
-pub fn compare(surface: &Grid<f32>, reference: &Grid<f32>, mask: &Grid<u8>, mm_per_px: [f64; 2]) -> SurfaceError {
+pub fn compare_surfaces(
+    surface: &Grid<f32>,
+    reference: &Grid<f32>,
+    mask: &Grid<u8>,
+    mm_per_px: [f64; 2],
+) -> SurfaceError {
     let size = [mask.width + 2 * SURFACE_BORDER, mask.height + 2 * SURFACE_BORDER];
     assert_eq!([surface.width, surface.height], size, "surface and mask do not match");
     assert_eq!([reference.width, reference.height], size, "reference and mask do not match");
@@ -52,14 +57,14 @@ pub fn compare(surface: &Grid<f32>, reference: &Grid<f32>, mask: &Grid<u8>, mm_p
     let (height_rms_um, height_max_um) = height_error_um(surface, reference);
     let angles = angles_deg(surface, reference, mm_per_px);
     let squares = squared_distance_mm2(mask, mm_per_px);
-    // A pixel at the very limit belongs to the ring, whatever its square was rounded to.
+    // A pixel exactly at the limit belongs to the ring, however its square was rounded.
     let limit = RING_MM * RING_MM * (1.0 + 1e-9);
     let in_ring = |square: f64| square > 0.0 && square <= limit;
-    let over = |inside: &dyn Fn(f64) -> bool| -> Option<Angles> {
+    let over = |inside: &dyn Fn(f64) -> bool| -> Option<NormalAngles> {
         let angles = angles.data.iter().zip(&squares.data).filter(|(_, square)| inside(**square));
         let angles: Vec<f64> = angles.map(|(angle, _)| *angle).collect();
         let p95_deg = quantile(&angles, 0.95)?;
-        Some(Angles { mean_deg: angles.iter().sum::<f64>() / angles.len() as f64, p95_deg })
+        Some(NormalAngles { mean_deg: angles.iter().sum::<f64>() / angles.len() as f64, p95_deg })
     };
     SurfaceError {
         height_rms_um,
@@ -94,10 +99,10 @@ pub fn angles_deg(surface: &Grid<f32>, reference: &Grid<f32>, mm_per_px: [f64; 2
     let mut angles = Grid::new(surface.width - 2 * SURFACE_BORDER, surface.height - 2 * SURFACE_BORDER);
     for y in 0..angles.height {
         for x in 0..angles.width {
-            let [ax, ay] = slopes(surface, x, y, mm_per_px);
-            let [bx, by] = slopes(reference, x, y, mm_per_px);
-            // The cross product of (ax, ay, -1) and (bx, by, -1), through the slopes' differences: it keeps its
-            // digits where the normals are almost the same, which the arc cosine of their product does not.
+            let [ax, ay] = slopes_at(surface, x, y, mm_per_px);
+            let [bx, by] = slopes_at(reference, x, y, mm_per_px);
+            // The cross product of (ax, ay, -1) and (bx, by, -1) from the slopes' differences. It keeps its digits
+            // where the normals are almost the same, unlike the arc cosine of their dot product.
             let (dx, dy) = (bx - ax, by - ay);
             let turn = ax * dy - ay * dx;
             let sine = (dx * dx + dy * dy + turn * turn).sqrt();
@@ -109,7 +114,7 @@ pub fn angles_deg(surface: &Grid<f32>, reference: &Grid<f32>, mm_per_px: [f64; 2
 }
 
 /// Slopes of the surface at pixel (`x`, `y`) of the view, along rows and columns.
-fn slopes(surface: &Grid<f32>, x: usize, y: usize, mm_per_px: [f64; 2]) -> [f64; 2] {
+fn slopes_at(surface: &Grid<f32>, x: usize, y: usize, mm_per_px: [f64; 2]) -> [f64; 2] {
     let at = |x, y| f64::from(surface.at(x, y));
     let (x, y) = (x + SURFACE_BORDER, y + SURFACE_BORDER);
     [(at(x - 1, y) - at(x + 1, y)) * (0.5 / mm_per_px[0]), (at(x, y - 1) - at(x, y + 1)) * (0.5 / mm_per_px[1])]
@@ -141,7 +146,7 @@ mod tests {
         surface.row_mut(2)[1] = -0.004;
         // Not in view.
         surface.row_mut(0)[0] = 1.0;
-        let error = compare(&surface, &reference, &Grid::new(2, 2), MM_PER_PX);
+        let error = compare_surfaces(&surface, &reference, &Grid::new(2, 2), MM_PER_PX);
         assert!((error.height_max_um - 8.0).abs() < 1e-6);
         assert!((error.height_rms_um - (80f64 / 4.0).sqrt()).abs() < 1e-6);
         assert_eq!((error.near, error.contact, error.ring), (None, None, None));
@@ -153,7 +158,7 @@ mod tests {
         let mut surface = reference.clone();
         surface.row_mut(2)[2] = f32::NAN;
         surface.row_mut(3)[3] = 1.0;
-        let error = compare(&surface, &reference, &Grid::new(3, 3), MM_PER_PX);
+        let error = compare_surfaces(&surface, &reference, &Grid::new(3, 3), MM_PER_PX);
         assert!(error.height_rms_um.is_nan() && error.height_max_um.is_nan());
     }
 
@@ -182,13 +187,13 @@ mod tests {
         kink(&mut surface, 3, 1.0);
         kink(&mut surface, 7, 1.0);
         kink(&mut surface, 8, 7.0);
-        let error = compare(&surface, &reference, &mask, MM_PER_PX);
+        let error = compare_surfaces(&surface, &reference, &mask, MM_PER_PX);
         let contact = error.contact.unwrap();
         assert!((contact.mean_deg - 22.5).abs() < 1e-9 && (contact.p95_deg - 42.75).abs() < 1e-9, "{contact:?}");
         // Columns 0, 1, 4, 5, 6, 7, of which only the last is tilted: numpy.quantile gives 33.75.
         let ring = error.ring.unwrap();
         assert!((ring.mean_deg - 7.5).abs() < 1e-9 && (ring.p95_deg - 33.75).abs() < 1e-9, "{ring:?}");
-        assert_eq!(compare(&surface, &reference, &Grid { data: vec![255; 12], ..mask }, MM_PER_PX).ring, None);
+        assert_eq!(compare_surfaces(&surface, &reference, &Grid { data: vec![255; 12], ..mask }, MM_PER_PX).ring, None);
     }
 
     proptest! {
@@ -201,7 +206,7 @@ mod tests {
             surface.row_mut(1)[0] = step;
             let found = angles_deg(&surface, &reference, MM_PER_PX).data[0].to_radians();
             // To first order: the change of slope, seen along the other slope and foreshortened.
-            let [gx, gy] = slopes(&reference, 0, 0, MM_PER_PX);
+            let [gx, gy] = slopes_at(&reference, 0, 0, MM_PER_PX);
             let change = f64::from(step);
             let expected = change * (1.0 + gy * gy).sqrt() / (1.0 + gx * gx + gy * gy);
             let rounding = 1e-14 / change;
@@ -213,12 +218,12 @@ mod tests {
             let surface = Grid { width: 6, height: 5, data: heights };
             let mut mask = Grid::new(4, 3);
             mask.row_mut(1)[1] = 255;
-            let none = Some(Angles { mean_deg: 0.0, p95_deg: 0.0 });
+            let none = Some(NormalAngles { mean_deg: 0.0, p95_deg: 0.0 });
             // All of the view lies within 2 mm of the pixel that touches.
             let ring_share = 11.0 / 12.0;
             let expected =
                 SurfaceError { height_rms_um: 0.0, height_max_um: 0.0, near: none, contact: none, ring: none, ring_share };
-            prop_assert_eq!(compare(&surface, &surface, &mask, MM_PER_PX), expected);
+            prop_assert_eq!(compare_surfaces(&surface, &surface, &mask, MM_PER_PX), expected);
         }
     }
 }

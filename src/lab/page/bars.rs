@@ -1,36 +1,36 @@
-//! Histograms as stacked bars, as SVG: counts over the bins of an axis, one colour for each kind of what is counted.
+//! Histograms as stacked bars, as SVG: counts over the bins of an axis, with one colour for each kind.
 
 use maud::Markup;
 
-use super::canvas::{Align, Colour};
-use super::plot::{FAINT, Plot, TEXT};
-use gelsim_files::figures::figure;
+use super::canvas::{Colour, TextAlign};
+use super::plot::{FAINT, Plot, TEXT_STYLE};
+use gelsim_files::number_format::format_number;
 
-/// Width and height of a histogram, px: three stand beside each other on a page, and one fits a phone.
+/// Width and height of a histogram, px: three fit side by side on a page, and one fits a phone.
 pub const SIZE: [f64; 2] = [330.0, 220.0];
 
-/// A bar: a bin and what is in it.
+/// A bar: a bin and the counts in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bar<const KINDS: usize> {
     /// Lower end of the bin.
     pub from: f64,
-    /// Its upper end.
+    /// Upper end of the bin.
     pub to: f64,
-    /// How many of each kind are in it.
+    /// Count of each kind.
     pub counts: [u64; KINDS],
 }
 
-/// Draws bars that lie beside each other; `axes` names what is below them and what they count, `kinds` are names and
-/// colours.
-pub fn histogram<const KINDS: usize>(
+/// Draws adjacent bars as SVG. `axes` names the horizontal axis and what is counted; `kinds` are names and colours.
+/// Without bars it draws a placeholder.
+pub fn draw_histogram<const KINDS: usize>(
     title: &str,
     axes: [&str; 2],
     bars: &[Bar<KINDS>],
     kinds: &[(&str, Colour); KINDS],
 ) -> Markup {
-    let (Some(first), Some(last)) = (bars.first(), bars.last()) else { return nothing(title, "no values") };
+    let (Some(first), Some(last)) = (bars.first(), bars.last()) else { return draw_placeholder(title, "no values") };
     let highest = bars.iter().map(|bar| bar.counts.iter().sum::<u64>()).max().unwrap_or(0);
-    // Ticks of counts are whole numbers.
+    // At least 4 and some room above the highest bar: below that the axis would have ticks at fractions of a count.
     let top = (1.08 * highest as f64).max(4.0);
     let mut plot = Plot::new(SIZE, title, axes, [[first.from, last.to], [0.0, top]]);
     for bar in bars {
@@ -41,41 +41,41 @@ pub fn histogram<const KINDS: usize>(
         }
         let mut below = 0;
         let stacked = of_kinds().map(|(count, (_, colour))| {
-            let from = plot.place([bar.from, below as f64]);
+            let from = plot.to_canvas([bar.from, below as f64]);
             below += count;
-            (from, plot.place([bar.to, below as f64]), *colour)
+            (from, plot.to_canvas([bar.to, below as f64]), *colour)
         });
         let stacked: Vec<_> = stacked.collect();
-        let [from, to] = [bar.from, bar.to].map(|end| told(end, bar.to - bar.from));
+        let [from, to] = [bar.from, bar.to].map(|end| format_distinct(end, bar.to - bar.from));
         let hint = format!("{from} to {to}: {}", counts.join(", "));
-        plot.canvas.hinted(&hint, |canvas| {
+        plot.canvas.draw_with_hint(&hint, |canvas| {
             for ([left, low], [right, high], colour) in stacked {
-                // A line of paper between bars, unless they are too narrow for one.
+                // A white line separates bars, unless they are too narrow for one.
                 let gap = f64::min(1.0, 0.2 * (right - left));
-                canvas.rectangle([left, high], [right - gap, low], colour, 1.0);
+                canvas.draw_rectangle([left, high], [right - gap, low], colour, 1.0);
             }
         });
     }
-    plot.svg()
+    plot.to_svg()
 }
 
-/// A figure with as many digits as tell it from others that are `span` apart.
-pub fn told(value: f64, span: f64) -> String {
-    let plain = figure(value);
+/// Formats a value with as many digits as tell it from others that are `span` apart.
+pub fn format_distinct(value: f64, span: f64) -> String {
+    let plain = format_number(value);
     let digits = if span > 0.0 && span.is_finite() { -libm::floor(libm::log10(span) + 1e-9) } else { 0.0 };
     let decimals = digits.clamp(0.0, 9.0) as usize;
     let has = plain.split_once('.').map_or(0, |(_, decimals)| decimals.len());
     if has >= decimals || plain.contains('e') { plain } else { format!("{value:.decimals$}") }
 }
 
-/// A plot's place with words instead.
-pub fn nothing(title: &str, words: &str) -> Markup {
-    let mut plot = Plot::bare(SIZE, title);
-    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]].map(|corner| plot.place(corner));
-    plot.canvas.line(&corners, FAINT, 1.0, None);
-    let middle = plot.place([0.5, 0.5]);
-    plot.canvas.text(middle, words, TEXT, Align::Middle);
-    plot.svg()
+/// Draws an empty plot with words in its middle.
+pub fn draw_placeholder(title: &str, words: &str) -> Markup {
+    let mut plot = Plot::without_axes(SIZE, title);
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]].map(|corner| plot.to_canvas(corner));
+    plot.canvas.draw_line(&corners, FAINT, 1.0, None);
+    let middle = plot.to_canvas([0.5, 0.5]);
+    plot.canvas.draw_text(middle, words, TEXT_STYLE, TextAlign::Middle);
+    plot.to_svg()
 }
 
 #[cfg(test)]
@@ -101,7 +101,8 @@ mod tests {
     #[test]
     fn bars_are_as_high_as_their_counts_and_stand_on_each_other() {
         let bar = |from: f64, counts| Bar { from, to: from + 1.0, counts };
-        let svg = histogram("t", ["mm", "samples"], &[bar(0.0, [3, 1]), bar(1.0, [0, 0]), bar(2.0, [0, 8])], &KINDS).0;
+        let svg =
+            draw_histogram("t", ["mm", "samples"], &[bar(0.0, [3, 1]), bar(1.0, [0, 0]), bar(2.0, [0, 8])], &KINDS).0;
         let drawn = rectangles(&svg);
         assert_eq!(drawn.len(), 3, "{svg}");
         let unit = drawn[2].2 / 8.0;
@@ -112,16 +113,22 @@ mod tests {
 
     #[test]
     fn figures_close_to_each_other_are_told_apart() {
-        assert_eq!([102.9051, 102.94, 102.969].map(|value| told(value, 0.064)), ["102.91", "102.94", "102.97"]);
-        assert_eq!([0.0, 0.31, 1250.4].map(|value| told(value, 1000.0)), ["0", "0.31", "1250"]);
-        assert_eq!((told(0.5, 0.0), told(1e-7, 1e-8)), (String::from("0.5"), String::from("1.00e-7")));
-        let svg = histogram("t", ["mm", "samples"], &[Bar { from: 102.9, to: 102.91, counts: [1, 2] }], &KINDS).0;
+        assert_eq!(
+            [102.9051, 102.94, 102.969].map(|value| format_distinct(value, 0.064)),
+            ["102.91", "102.94", "102.97"]
+        );
+        assert_eq!([0.0, 0.31, 1250.4].map(|value| format_distinct(value, 1000.0)), ["0", "0.31", "1250"]);
+        assert_eq!(
+            (format_distinct(0.5, 0.0), format_distinct(1e-7, 1e-8)),
+            (String::from("0.5"), String::from("1.00e-7"))
+        );
+        let svg = draw_histogram("t", ["mm", "samples"], &[Bar { from: 102.9, to: 102.91, counts: [1, 2] }], &KINDS).0;
         assert!(svg.contains("102.90 to 102.91: 1 near, 2 far"), "{svg}");
     }
 
     #[test]
     fn nothing_to_draw_is_said_in_words() {
-        let svg = histogram::<2>("t", ["mm", "samples"], &[], &KINDS).0;
+        let svg = draw_histogram::<2>("t", ["mm", "samples"], &[], &KINDS).0;
         assert!(svg.contains("no values") && rectangles(&svg).is_empty());
         assert!(!svg.contains("NaN"));
     }

@@ -1,7 +1,7 @@
-//! Lines, marks and text on a canvas, as SVG and as PNG from the same list of shapes.
+//! Lines, marks and text on a canvas, written as SVG and as PNG from the same list of shapes.
 //!
-//! SVG text is in the viewer's font. In the PNG letters are those of a bitmap font whose neighbouring dots are joined by
-//! round strokes, and the edge of every shape is smoothed by the distance of the pixels' centres from it.
+//! SVG text is in the viewer's font. Letters of the PNG come from a bitmap font, whose neighbouring dots are joined by
+//! round strokes. The edge of every shape is smoothed by the distance of the pixels' centres from it.
 
 use std::collections::BTreeSet;
 
@@ -9,8 +9,8 @@ use embedded_graphics::text::Baseline;
 use image::RgbImage;
 use maud::{Markup, PreEscaped, html};
 
-use super::legible;
-use super::letters::{self, Face, dots};
+use super::letters::{self, Face, letter_dots};
+use super::make_legible;
 use gelsim_files::png::encode_small;
 
 /// Red, green, blue.
@@ -19,14 +19,14 @@ pub type Colour = [u8; 3];
 /// A point of the canvas, pixels from its top left corner.
 pub type Point = [f64; 2];
 
-/// Marks of a size: all of about the same area.
+/// Shape of a mark. All have about the same area at the same radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
     /// A disc.
     Circle,
     /// A square.
     Square,
-    /// A triangle on its side.
+    /// A triangle that points up.
     Triangle,
     /// A square on its corner.
     Diamond,
@@ -35,7 +35,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Corners clockwise; a circle has none.
+    /// Corners, clockwise; empty for a circle.
     fn corners(self, [x, y]: Point, radius: f64) -> Vec<Point> {
         let corners: &[Point] = match self {
             Self::Circle => &[],
@@ -50,18 +50,18 @@ impl Shape {
 
 /// How text looks.
 #[derive(Clone, Copy, Debug)]
-pub struct Type {
+pub struct TextStyle {
     /// Height of the font, pixels.
     pub size: u32,
-    /// Heavier than usual.
+    /// Whether the font is bold.
     pub bold: bool,
-    /// Its colour.
+    /// Colour of the text.
     pub colour: Colour,
 }
 
 /// Which part of the text stands at its place.
 #[derive(Clone, Copy, Debug)]
-pub enum Align {
+pub enum TextAlign {
     /// At its left end.
     Left,
     /// At its middle.
@@ -70,9 +70,9 @@ pub enum Align {
     Right,
 }
 
-impl Align {
-    /// The SVG's word for it.
-    fn anchor(self) -> &'static str {
+impl TextAlign {
+    /// Value of SVG's `text-anchor`.
+    fn svg_anchor(self) -> &'static str {
         match self {
             Self::Left => "start",
             Self::Middle => "middle",
@@ -81,7 +81,7 @@ impl Align {
     }
 }
 
-/// What a canvas is made of.
+/// An element of a canvas.
 enum Element {
     Line {
         points: Vec<Point>,
@@ -105,11 +105,11 @@ enum Element {
     Text {
         at: Point,
         text: String,
-        how: Type,
-        align: Align,
+        style: TextStyle,
+        align: TextAlign,
     },
     /// Elements that show a hint under the pointer, in SVG.
-    Hinted(String, Vec<Element>),
+    WithHint(String, Vec<Element>),
 }
 
 /// Width of a mark's outline, pixels.
@@ -122,54 +122,54 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// A white one.
+    /// Creates a white canvas.
     pub fn new(width: f64, height: f64) -> Self {
         Self { size: [width, height], elements: Vec::new() }
     }
 
-    /// A line through `points`; `dash` is the length of dashes and gaps.
-    pub fn line(&mut self, points: &[Point], colour: Colour, width: f64, dash: Option<u32>) {
+    /// Adds a line through `points`; `dash` is the length of dashes and gaps, `None` for a solid line.
+    pub fn draw_line(&mut self, points: &[Point], colour: Colour, width: f64, dash: Option<u32>) {
         self.elements.push(Element::Line { points: points.to_vec(), colour, width, dash });
     }
 
-    /// A filled rectangle, opaque by `opacity` (0 to 1).
-    pub fn rectangle(&mut self, min: Point, max: Point, fill: Colour, opacity: f64) {
+    /// Adds a filled rectangle; `opacity` is 0 to 1.
+    pub fn draw_rectangle(&mut self, min: Point, max: Point, fill: Colour, opacity: f64) {
         self.elements.push(Element::Rectangle { min, max, fill, opacity });
     }
 
-    /// A mark of about `radius`, filled, with an outline.
-    pub fn mark(&mut self, shape: Shape, at: Point, radius: f64, fill: Colour, outline: Colour) {
+    /// Adds a filled mark of about `radius` with an outline.
+    pub fn draw_mark(&mut self, shape: Shape, at: Point, radius: f64, fill: Colour, outline: Colour) {
         self.elements.push(Element::Mark { shape, at, radius, fill, outline });
     }
 
-    /// A line of text on the baseline at `at`. Characters that XML cannot hold become spaces.
-    pub fn text(&mut self, at: Point, text: &str, how: Type, align: Align) {
-        self.elements.push(Element::Text { at, text: text.replace(char::is_control, " "), how, align });
+    /// Adds a line of text with its baseline at `at`. Characters that XML cannot hold become spaces.
+    pub fn draw_text(&mut self, at: Point, text: &str, how: TextStyle, align: TextAlign) {
+        self.elements.push(Element::Text { at, text: text.replace(char::is_control, " "), style: how, align });
     }
 
-    /// What `draw` adds shows `hint` under the pointer, in SVG.
-    pub fn hinted(&mut self, hint: &str, draw: impl FnOnce(&mut Self)) {
+    /// Adds what `draw` draws, with a `hint` that SVG shows under the pointer.
+    pub fn draw_with_hint(&mut self, hint: &str, draw: impl FnOnce(&mut Self)) {
         let first = self.elements.len();
         draw(self);
         let elements = self.elements.split_off(first);
-        self.elements.push(Element::Hinted(hint.to_owned(), elements));
+        self.elements.push(Element::WithHint(hint.to_owned(), elements));
     }
 
-    /// The canvas as SVG. Text is text, in the viewer's font.
-    pub fn svg(&self) -> Markup {
+    /// Writes the canvas as SVG, with text in the viewer's font.
+    pub fn to_svg(&self) -> Markup {
         let [width, height] = self.size;
         let svg = html! {
             svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 0 " (width) " " (height) } width=(width) height=(height)
                 font-family="sans-serif" stroke-linecap="round" stroke-linejoin="round" {
                 rect width=(width) height=(height) fill="#ffffff" {}
-                @for element in &self.elements { (element.svg()) }
+                @for element in &self.elements { (element.to_svg()) }
             }
         };
-        PreEscaped(legible(&svg.0))
+        PreEscaped(make_legible(&svg.0))
     }
 
-    /// The canvas as PNG file, two pixels for one.
-    pub fn png(&self) -> Vec<u8> {
+    /// Writes the canvas as a PNG file, at two pixels for each of its own.
+    pub fn to_png(&self) -> Vec<u8> {
         let [width, height] = self.size.map(|length| (SCALE * length).ceil() as usize);
         let mut pixels = Pixels { width, rgb: vec![255; 3 * width * height] };
         self.elements.iter().for_each(|element| element.paint(&mut pixels));
@@ -179,7 +179,7 @@ impl Canvas {
 }
 
 impl Element {
-    fn svg(&self) -> Markup {
+    fn to_svg(&self) -> Markup {
         let name = |[r, g, b]: Colour| format!("#{r:02x}{g:02x}{b:02x}");
         let px = |length: f64| format!("{length:.2}");
         let list =
@@ -198,16 +198,17 @@ impl Element {
                     @else { polygon points=(list(&shape.corners([*x, *y], *radius))) {} }
                 }
             },
-            Self::Text { at: [x, y], text, how, align } => html! {
-                text x=(px(*x)) y=(px(*y)) font-size=(how.size) fill=(name(how.colour)) text-anchor=(align.anchor())
+            Self::Text { at: [x, y], text, style: how, align } => html! {
+                text x=(px(*x)) y=(px(*y)) font-size=(how.size) fill=(name(how.colour)) text-anchor=(align.svg_anchor())
                     font-weight=[how.bold.then_some("bold")] { (text) }
             },
-            Self::Hinted(hint, elements) => {
-                html! { g { title { (hint) } @for element in elements { (element.svg()) } } }
+            Self::WithHint(hint, elements) => {
+                html! { g { title { (hint) } @for element in elements { (element.to_svg()) } } }
             }
         }
     }
 
+    /// Paints the element into the PNG's pixels.
     fn paint(&self, pixels: &mut Pixels) {
         match self {
             Self::Line { points, colour, width, dash } => {
@@ -220,60 +221,62 @@ impl Element {
                         [x + way[0] * share, y + way[1] * share]
                     };
                     let dash = dash.map_or(length, f64::from);
+                    // Dashes and gaps have one length, so a dash begins at every second multiple of it.
                     for start in (0..).map(|k| 2.0 * dash * f64::from(k)).take_while(|start| *start < length) {
-                        pixels.stroke([at(start), at(start + dash)], *colour, *width);
+                        pixels.paint_line([at(start), at(start + dash)], *colour, *width);
                     }
                 }
             }
             Self::Rectangle { min: [x0, y0], max: [x1, y1], fill, opacity } => {
-                pixels.polygon(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], *fill, *opacity, 0.0);
+                pixels.paint_polygon(&[[*x0, *y0], [*x1, *y0], [*x1, *y1], [*x0, *y1]], *fill, *opacity, 0.0);
             }
             Self::Mark { shape, at, radius, fill, outline } => {
                 let corners = shape.corners(*at, *radius);
                 for (colour, grown) in [(outline, 0.5 * OUTLINE_PX), (fill, -0.5 * OUTLINE_PX)] {
                     match shape {
-                        Shape::Circle => pixels.stroke([*at; 2], *colour, 2.0 * (radius + grown)),
-                        _ => pixels.polygon(&corners, *colour, 1.0, grown),
+                        Shape::Circle => pixels.paint_line([*at; 2], *colour, 2.0 * (radius + grown)),
+                        _ => pixels.paint_polygon(&corners, *colour, 1.0, grown),
                     }
                 }
             }
-            Self::Text { at, text, how, align } => {
+            Self::Text { at, text, style: how, align } => {
                 let start = match align {
-                    Align::Left => at[0],
-                    Align::Middle => at[0] - 0.5 * width(text, *how),
-                    Align::Right => at[0] - width(text, *how),
+                    TextAlign::Left => at[0],
+                    TextAlign::Middle => at[0] - 0.5 * text_width(text, *how),
+                    TextAlign::Right => at[0] - text_width(text, *how),
                 };
                 let face = if how.bold { Face::Bold } else { Face::Plain };
-                let pitch = width(" ", *how) / f64::from(face.width());
+                let dot_px = text_width(" ", *how) / f64::from(face.width());
                 let place =
-                    |[x, y]: [i32; 2]| [start + (f64::from(x) + 0.5) * pitch, at[1] + (f64::from(y) - 0.5) * pitch];
-                for [from, to] in strokes(&dots(text, face, Baseline::Alphabetic)) {
-                    pixels.stroke([place(from), place(to)], how.colour, 1.2 * pitch);
+                    |[x, y]: [i32; 2]| [start + (f64::from(x) + 0.5) * dot_px, at[1] + (f64::from(y) - 0.5) * dot_px];
+                for [from, to] in letter_strokes(&letter_dots(text, face, Baseline::Alphabetic)) {
+                    pixels.paint_line([place(from), place(to)], how.colour, 1.2 * dot_px);
                 }
             }
-            Self::Hinted(_, elements) => elements.iter().for_each(|element| element.paint(pixels)),
+            Self::WithHint(_, elements) => elements.iter().for_each(|element| element.paint(pixels)),
         }
     }
 }
 
-/// Pixels of the PNG for one of the canvas.
+/// Pixels of the PNG per pixel of the canvas.
 const SCALE: f64 = 2.0;
 
-/// The PNG's pixels.
+/// Pixels of the PNG.
 struct Pixels {
     width: usize,
     rgb: Vec<u8>,
 }
 
 impl Pixels {
-    /// Paints where `distance` from the edge, in pixels of the canvas, is below 0; that is nowhere outside `bounds`.
-    fn cover(&mut self, [min, max]: [Point; 2], colour: Colour, opacity: f64, distance: impl Fn(Point) -> f64) {
+    /// Paints where `distance` to the edge, in pixels of the canvas, is negative. Nothing outside `bounds` is painted.
+    fn paint_area(&mut self, [min, max]: [Point; 2], colour: Colour, opacity: f64, distance: impl Fn(Point) -> f64) {
         let (width, height) = (self.width, self.rgb.len() / 3 / self.width);
         let first = min.map(|at| (SCALE * at - 1.0).max(0.0) as usize);
         let end = max.map(|at| (SCALE * at + 2.0).max(0.0) as usize);
         for y in first[1]..end[1].min(height) {
             for x in first[0]..end[0].min(width) {
                 let at = [x, y].map(|pixel| (pixel as f64 + 0.5) / SCALE);
+                // Half covered where the edge runs through the pixel's centre; the ramp is one pixel of the PNG wide.
                 let share = opacity * (0.5 - SCALE * distance(at)).clamp(0.0, 1.0);
                 if share > 0.0 {
                     let pixel = &mut self.rgb[3 * (y * width + x)..][..3];
@@ -285,38 +288,39 @@ impl Pixels {
         }
     }
 
-    /// A line with round ends; without length it is a circle.
-    fn stroke(&mut self, [from, to]: [Point; 2], colour: Colour, width: f64) {
+    /// Paints a line with round ends. A line of no length is a circle.
+    fn paint_line(&mut self, [from, to]: [Point; 2], colour: Colour, width: f64) {
         let way = [to[0] - from[0], to[1] - from[1]];
         let square = (way[0] * way[0] + way[1] * way[1]).max(f64::MIN_POSITIVE);
         let [min, max] = [f64::min, f64::max].map(|of| [of(from[0], to[0]), of(from[1], to[1])]);
         let bounds = [min.map(|at| at - 0.5 * width), max.map(|at| at + 0.5 * width)];
-        self.cover(bounds, colour, 1.0, |at| {
+        self.paint_area(bounds, colour, 1.0, |at| {
             let at = [at[0] - from[0], at[1] - from[1]];
             let share = ((at[0] * way[0] + at[1] * way[1]) / square).clamp(0.0, 1.0);
             (at[0] - share * way[0]).hypot(at[1] - share * way[1]) - 0.5 * width
         });
     }
 
-    /// A convex polygon with its corners clockwise, its sides moved outwards by `grown`.
-    fn polygon(&mut self, corners: &[Point], colour: Colour, opacity: f64, grown: f64) {
+    /// Paints a convex polygon whose corners are given clockwise, with its sides moved outwards by `grown`.
+    fn paint_polygon(&mut self, corners: &[Point], colour: Colour, opacity: f64, grown: f64) {
         let bound = |of: fn(f64, f64) -> f64| corners.iter().copied().reduce(|a, b| [of(a[0], b[0]), of(a[1], b[1])]);
         let (Some(min), Some(max)) = (bound(f64::min), bound(f64::max)) else { return };
-        // A pointed corner moves by more than the sides do.
+        // A pointed corner moves further out than its sides do: 3 covers the sharpest corner of the marks.
         let bounds = [min.map(|at| at - 3.0 * grown.max(0.0)), max.map(|at| at + 3.0 * grown.max(0.0))];
         let sides = || corners.iter().zip(corners.iter().cycle().skip(1));
-        self.cover(bounds, colour, opacity, |at| {
-            let beyond = sides().map(|([ax, ay], [bx, by])| {
+        self.paint_area(bounds, colour, opacity, |at| {
+            let outside = sides().map(|([ax, ay], [bx, by])| {
                 let [dx, dy] = [bx - ax, by - ay];
                 (dy * (at[0] - ax) - dx * (at[1] - ay)) / dx.hypot(dy)
             });
-            beyond.fold(f64::NEG_INFINITY, f64::max) - grown
+            outside.fold(f64::NEG_INFINITY, f64::max) - grown
         });
     }
 }
 
-/// Lines between neighbouring dots, diagonal ones where no dot is beside both, and every dot by itself.
-fn strokes(dots: &BTreeSet<[i32; 2]>) -> Vec<[[i32; 2]; 2]> {
+/// Returns strokes that join neighbouring dots, with each dot also as a stroke by itself. Diagonal neighbours are
+/// joined only if no dot is next to both.
+fn letter_strokes(dots: &BTreeSet<[i32; 2]>) -> Vec<[[i32; 2]; 2]> {
     let set = |x: i32, y: i32| dots.contains(&[x, y]);
     let mut strokes = Vec::new();
     for &[x, y] in dots {
@@ -329,12 +333,12 @@ fn strokes(dots: &BTreeSet<[i32; 2]>) -> Vec<[[i32; 2]; 2]> {
     strokes
 }
 
-/// Width of `text`, pixels: that of the PNG. Most viewers' letters are narrower.
-pub fn width(text: &str, how: Type) -> f64 {
-    0.56 * f64::from(how.size) * letters::count(text) as f64
+/// Width of `text` in the PNG, pixels of the canvas. Most viewers' letters are narrower.
+pub fn text_width(text: &str, how: TextStyle) -> f64 {
+    0.56 * f64::from(how.size) * letters::count_letters(text) as f64
 }
 
-/// `text`, its end replaced by dots if it is wider than `limit` pixels.
-pub fn fitted(text: &str, how: Type, limit: f64) -> String {
-    letters::fitted(text, (limit / width(" ", how)) as usize)
+/// Returns `text`, its end replaced by dots if it is wider than `limit` pixels.
+pub fn fit_text(text: &str, how: TextStyle, limit: f64) -> String {
+    letters::truncate_text(text, (limit / text_width(" ", how)) as usize)
 }

@@ -1,4 +1,4 @@
-//! Letters as the dots of bitmap fonts: Latin, Greek and Cyrillic ones. What has none there is spelled by its number, so that
+//! Letters as dots of bitmap fonts: Latin, Greek and Cyrillic. Any other character is spelled by its number, so that
 //! two names never look alike.
 
 use std::collections::BTreeSet;
@@ -15,16 +15,16 @@ use embedded_graphics::pixelcolor::BinaryColor;
 use embedded_graphics::prelude::{DrawTarget, Drawable};
 use embedded_graphics::text::{Baseline, Text};
 
-use gelsim_files::spelling::is_hidden;
+use gelsim_files::spelling::is_hidden_char;
 
-/// Sizes and weights of letters.
+/// Size and weight of letters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Face {
     /// 7 dots wide, 13 high.
     Small,
     /// 9 dots wide, 15 high.
     Plain,
-    /// The same in bold.
+    /// 9 dots wide, 15 high, bold.
     Bold,
 }
 
@@ -37,7 +37,7 @@ macro_rules! alphabet {
     };
 }
 
-/// The first one that has a letter draws it.
+/// Alphabets in the order in which they are tried: the first that has a letter draws it.
 const ALPHABETS: [Alphabet; 9] = [
     alphabet!(ISO_8859_1, iso_8859_1),
     alphabet!(ISO_8859_2, iso_8859_2),
@@ -50,14 +50,14 @@ const ALPHABETS: [Alphabet; 9] = [
     alphabet!(ISO_8859_16, iso_8859_16),
 ];
 
-/// The font that has a letter.
-fn font(letter: char, face: Face) -> Option<&'static MonoFont<'static>> {
-    let (_, fonts) = ALPHABETS.iter().find(|(letters, _)| letters.contains(letter) && !is_hidden(letter))?;
+/// Returns the font that has a letter; `None` if no alphabet has it or it would not be seen.
+fn find_font(letter: char, face: Face) -> Option<&'static MonoFont<'static>> {
+    let (_, fonts) = ALPHABETS.iter().find(|(letters, _)| letters.contains(letter) && !is_hidden_char(letter))?;
     Some(fonts[face as usize])
 }
 
 impl Face {
-    /// Width of every letter, dots.
+    /// Width of each letter, dots.
     pub fn width(self) -> u32 {
         iso_8859_1_font(self).character_size.width
     }
@@ -67,28 +67,28 @@ fn iso_8859_1_font(face: Face) -> &'static MonoFont<'static> {
     ALPHABETS[0].1[face as usize]
 }
 
-/// A character in letters that there are: itself, a space for one that makes room, else its number.
-fn spelled(c: char) -> String {
+/// Spells a character in letters that can be drawn: itself, a space for white space, else its number.
+fn spell_character(c: char) -> String {
     match c {
         c if c.is_whitespace() => String::from(' '),
-        c if font(c, Face::Small).is_some() => String::from(c),
+        c if find_font(c, Face::Small).is_some() => String::from(c),
         c => format!("U+{:04X}", u32::from(c)),
     }
 }
 
-/// How many letters a text takes.
-pub fn count(text: &str) -> usize {
-    text.chars().map(|c| spelled(c).chars().count()).sum()
+/// Returns how many letters a text takes.
+pub fn count_letters(text: &str) -> usize {
+    text.chars().map(|c| spell_character(c).chars().count()).sum()
 }
 
-/// `text`, its end replaced by dots if it takes more than `most` letters.
-pub fn fitted(text: &str, most: usize) -> String {
-    if count(text) <= most {
+/// Returns `text`, its end replaced by dots if it takes more than `most` letters.
+pub fn truncate_text(text: &str, most: usize) -> String {
+    if count_letters(text) <= most {
         return text.to_owned();
     }
     let mut left = most.saturating_sub(3);
     let kept = text.chars().take_while(|c| {
-        let needed = spelled(*c).chars().count();
+        let needed = spell_character(*c).chars().count();
         let fits = needed <= left;
         left -= if fits { needed } else { left };
         fits
@@ -96,12 +96,12 @@ pub fn fitted(text: &str, most: usize) -> String {
     kept.chain("...".chars().take(most)).collect()
 }
 
-/// The dots that a line of text sets: columns from its start, rows from `baseline` down.
-pub fn dots(text: &str, face: Face, baseline: Baseline) -> BTreeSet<[i32; 2]> {
+/// Returns the dots of a line of text: columns from its start, rows down from `baseline`.
+pub fn letter_dots(text: &str, face: Face, baseline: Baseline) -> BTreeSet<[i32; 2]> {
     let mut dots = Dots(BTreeSet::new());
-    let text: String = text.chars().map(spelled).collect();
+    let text: String = text.chars().map(spell_character).collect();
     for (letter, left) in text.chars().zip((0..).step_by(face.width() as usize)) {
-        let style = MonoTextStyle::new(font(letter, face).unwrap_or(iso_8859_1_font(face)), BinaryColor::On);
+        let style = MonoTextStyle::new(find_font(letter, face).unwrap_or(iso_8859_1_font(face)), BinaryColor::On);
         let mut bytes = [0; 4];
         let drawn = Text::with_baseline(letter.encode_utf8(&mut bytes), Point::new(left, 0), style, baseline);
         let Ok(_) = drawn.draw(&mut dots);
@@ -109,6 +109,7 @@ pub fn dots(text: &str, face: Face, baseline: Baseline) -> BTreeSet<[i32; 2]> {
     dots.0
 }
 
+/// A drawing target that collects the dots which are set.
 struct Dots(BTreeSet<[i32; 2]>);
 
 impl OriginDimensions for Dots {
@@ -132,7 +133,7 @@ mod tests {
     use super::*;
 
     fn drawn(text: &str) -> BTreeSet<[i32; 2]> {
-        dots(text, Face::Small, Baseline::Top)
+        letter_dots(text, Face::Small, Baseline::Top)
     }
 
     #[test]
@@ -140,10 +141,10 @@ mod tests {
         let question = drawn("?");
         for letter in "aZ9 _-äøµßłŠőğıŵ€șЖяΩλ".chars() {
             assert!(drawn(&letter.to_string()) != question, "{letter}");
-            assert_eq!(count(&letter.to_string()), 1, "{letter}");
+            assert_eq!(count_letters(&letter.to_string()), 1, "{letter}");
             for face in [Face::Plain, Face::Bold] {
-                let plain = dots(&letter.to_string(), face, Baseline::Alphabetic);
-                assert!(letter == ' ' || plain != dots("?", face, Baseline::Alphabetic), "{letter}");
+                let plain = letter_dots(&letter.to_string(), face, Baseline::Alphabetic);
+                assert!(letter == ' ' || plain != letter_dots("?", face, Baseline::Alphabetic), "{letter}");
             }
         }
         assert!(drawn("a b") == drawn("a\tb") && drawn(" ").is_empty());
@@ -154,11 +155,11 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_ends_in_dots() {
-        assert_eq!(fitted("hex nut", 7), "hex nut");
-        assert_eq!(fitted("hex nuts", 7), "hex ...");
-        assert_eq!(fitted("球球", 12), "球球");
-        assert_eq!(fitted("球球", 11), "球...");
-        assert_eq!(fitted("hex", 2), "..");
-        assert_eq!(fitted("hex", 0), "");
+        assert_eq!(truncate_text("hex nut", 7), "hex nut");
+        assert_eq!(truncate_text("hex nuts", 7), "hex ...");
+        assert_eq!(truncate_text("球球", 12), "球球");
+        assert_eq!(truncate_text("球球", 11), "球...");
+        assert_eq!(truncate_text("hex", 2), "..");
+        assert_eq!(truncate_text("hex", 0), "");
     }
 }

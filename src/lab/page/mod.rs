@@ -1,19 +1,20 @@
-//! HTML pages for people: one file with its pictures and plots in it, without scripts. The same content gives the same bytes.
+//! HTML pages for people: one file that contains its pictures and plots, without scripts. The same content gives the
+//! same bytes.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 use canvas::Colour;
-use gelsim_files::spelling::visible;
+use gelsim_files::spelling::escape_hidden_chars;
 
 pub mod bars;
 pub mod canvas;
 pub mod letters;
 pub mod plot;
 
-/// A whole page.
-pub fn document(title: &str, body: &Markup) -> String {
+/// Renders a complete HTML page.
+pub fn render_document(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -26,27 +27,30 @@ pub fn document(title: &str, body: &Markup) -> String {
             body { h1 { (title) } (body) }
         }
     };
-    legible(&page.0) + "\n"
+    make_legible(&page.0) + "\n"
 }
 
-/// What XML cannot hold becomes a space; characters that are not seen but turn or hide text are shown.
-fn legible(text: &str) -> String {
+/// Replaces characters that XML cannot hold by spaces, and shows those that are not seen but turn or hide text.
+fn make_legible(text: &str) -> String {
     let odd = |c: char| c.is_control() && c != '\n' || matches!(c, '\u{fffe}' | '\u{ffff}');
-    visible(&text.replace(odd, " ")).into_owned()
+    escape_hidden_chars(&text.replace(odd, " ")).into_owned()
 }
 
-/// The figures that people ask for first.
-pub fn cards(cards: &[(String, &str)]) -> Markup {
+/// Renders the main figures as cards in a row.
+pub fn render_cards(cards: &[(String, &str)]) -> Markup {
     html! { div.cards { @for (number, what) in cards { div { b { (number) } (what) } } } }
 }
 
-/// A table of names and figures.
-pub fn facts(rows: &[(impl Render, impl Render)]) -> Markup {
+/// Renders a table of names and figures.
+pub fn render_facts(rows: &[(impl Render, impl Render)]) -> Markup {
     html! { table { @for (what, figure) in rows { tr { th { (what) } td { (figure) } } } } }
 }
 
-/// A table under a head. It scrolls by itself where the window is too narrow for it.
-pub fn table<C: Render>(head: impl IntoIterator<Item = impl Render>, rows: impl IntoIterator<Item = Vec<C>>) -> Markup {
+/// Renders a table with a head. It scrolls by itself if the window is too narrow for it.
+pub fn render_table<C: Render>(
+    head: impl IntoIterator<Item = impl Render>,
+    rows: impl IntoIterator<Item = Vec<C>>,
+) -> Markup {
     html! {
         div.wide {
             table.columns {
@@ -57,13 +61,13 @@ pub fn table<C: Render>(head: impl IntoIterator<Item = impl Render>, rows: impl 
     }
 }
 
-/// Words in a cell of a table, which may run over lines.
-pub fn words(text: impl Render) -> Markup {
+/// Renders words in a cell of a table; they may take several lines.
+pub fn render_text_cell(text: impl Render) -> Markup {
     html! { span.text { (text) } }
 }
 
-/// A list of things to heed under its heading; nothing if there are none.
-pub fn warnings(texts: &[String]) -> Markup {
+/// Renders warnings as a list under a heading; nothing if there are none.
+pub fn render_warnings(texts: &[String]) -> Markup {
     html! {
         @if !texts.is_empty() {
             h2 { "Warnings" }
@@ -72,42 +76,43 @@ pub fn warnings(texts: &[String]) -> Markup {
     }
 }
 
-/// A picture or plot with a caption below it.
-pub fn figure(content: impl Render, caption: impl Render) -> Markup {
-    // Figures stand in a line with a space between them.
+/// Renders a picture or plot with a caption below it.
+pub fn render_figure(content: impl Render, caption: impl Render) -> Markup {
+    // The space allows lines to break between figures that stand in a row.
     html! { figure { (content) figcaption { (caption) } } " " }
 }
 
-/// Figures of at most 330 px in columns, as many as the window has room for.
-pub fn figures(figures: impl Render) -> Markup {
+/// Renders figures of at most 330 px in as many columns as the window has room for.
+pub fn render_figures(figures: impl Render) -> Markup {
     html! { div.figures { (figures) } }
 }
 
-/// A PNG file of this width and height, px.
-pub fn image(png: &[u8], (width, height): (u32, u32), caption: &str) -> Markup {
-    html! { img src=(uri(png)) width=(width) height=(height) alt=(caption); }
+/// Renders a PNG file of this width and height, px, as part of the page.
+pub fn render_image(png: &[u8], (width, height): (u32, u32), caption: &str) -> Markup {
+    html! { img src=(png_data_uri(png)) width=(width) height=(height) alt=(caption); }
 }
 
-/// What a click opens over the whole window, and another one closes; `name` is the page's only one of its kind.
-pub fn opens(name: &str, small: impl Render, large: impl Render) -> Markup {
+/// Renders a small figure; a click shows the large one over the whole window, another click closes it. `name` must be
+/// unique in the page.
+pub fn render_lightbox(name: &str, small: impl Render, large: impl Render) -> Markup {
     html! {
         a id={ "of-" (name) } href={ "#" (name) } { (small) }
         a.large id=(name) href={ "#of-" (name) } { (large) }
     }
 }
 
-/// A name beside a square of its colour.
-pub fn key((name, [r, g, b]): (&str, Colour)) -> Markup {
+/// Renders a name with a square of its colour.
+pub fn render_legend_entry((name, [r, g, b]): (&str, Colour)) -> Markup {
     html! { span.keyed { i style={ "background: rgb(" (r) ", " (g) ", " (b) ")" } {} (name) } }
 }
 
-/// Names beside squares of their colours.
-pub fn keys<'a>(keys: impl IntoIterator<Item = &'a (&'a str, Colour)>) -> Markup {
-    html! { @for name in keys { (key(*name)) " " } }
+/// Renders names with squares of their colours.
+pub fn render_legend<'a>(keys: impl IntoIterator<Item = &'a (&'a str, Colour)>) -> Markup {
+    html! { @for name in keys { (render_legend_entry(*name)) " " } }
 }
 
-/// A PNG file as the address of itself.
-pub fn uri(png: &[u8]) -> String {
+/// Returns a `data:` address that contains a PNG file.
+pub fn png_data_uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
 
@@ -145,18 +150,19 @@ mod tests {
     fn a_page_of_odd_texts_is_well_formed() {
         let odd = String::from("<b> & \"quotes\" ]]> \u{0}\u{1b}\u{fffe} \u{1f600}\nnext");
         let body = html! {
-            (facts(&[(&odd, &odd)]))
-            (table(["a", "b"], [vec![odd.as_str(), "1"]]))
-            (warnings(std::slice::from_ref(&odd)))
-            (figure(html! { svg {} }, &odd))
+            (render_facts(&[(&odd, &odd)]))
+            (render_table(["a", "b"], [vec![odd.as_str(), "1"]]))
+            (render_warnings(std::slice::from_ref(&odd)))
+            (render_figure(html! { svg {} }, &odd))
         };
         // What HTML leaves open, XML closes.
-        let page = document(&odd, &body).replace("\"utf-8\">", "\"utf-8\"/>").replace("scale=1\">", "scale=1\"/>");
+        let page =
+            render_document(&odd, &body).replace("\"utf-8\">", "\"utf-8\"/>").replace("scale=1\">", "scale=1\"/>");
         let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
         let parsed = roxmltree::Document::parse_with_options(&page, options).expect("well-formed");
         let texts = parsed.descendants().filter(|node| node.is_text()).filter_map(|node| node.text());
         // Title and heading, two in the first table, one each in the rest.
         assert_eq!(texts.filter(|text| text.contains("<b> & \"quotes\" ]]> ")).count(), 7);
-        assert!(warnings(&[]).0.is_empty());
+        assert!(render_warnings(&[]).0.is_empty());
     }
 }

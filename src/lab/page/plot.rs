@@ -1,8 +1,8 @@
-//! Plots with two linear axes, as SVG; lines and marks are those of `tradeoff`'s drawing.
+//! Plots with two linear axes, as SVG, on the canvas that `tradeoff` draws on, too.
 
 use maud::Markup;
 
-use super::canvas::{Align, Canvas, Colour, Point, Type, width};
+use super::canvas::{Canvas, Colour, Point, TextAlign, TextStyle, text_width};
 
 /// Text and outlines.
 pub const BLACK: Colour = [30, 30, 30];
@@ -10,83 +10,88 @@ pub const BLACK: Colour = [30, 30, 30];
 pub const FAINT: Colour = [225, 225, 225];
 /// Axes and frames.
 pub const GREY: Colour = [140, 140, 140];
-/// A plot's title.
-pub const TITLE: Type = Type { size: 14, bold: true, colour: BLACK };
-/// Everything else that is written.
-pub const TEXT: Type = Type { size: 12, bold: false, colour: BLACK };
+/// Style of a plot's title.
+pub const TITLE_STYLE: TextStyle = TextStyle { size: 14, bold: true, colour: BLACK };
+/// Style of all other text.
+pub const TEXT_STYLE: TextStyle = TextStyle { size: 12, bold: false, colour: BLACK };
 
 /// A plot with two axes.
 pub struct Plot {
-    /// What is drawn, in pixels; [`Plot::place`] says where a point of the data is.
+    /// The canvas, in pixels; [`Plot::to_canvas`] says where a point of the data is.
     pub canvas: Canvas,
     size: [f64; 2],
     ranges: [[f64; 2]; 2],
 }
 
-/// Room between names of ticks, and beside those of the vertical axis, px.
+/// Least room between the labels of ticks, and beside those of the vertical axis, px.
 const GAP: f64 = 8.0;
 
 /// Room around the data: left, top, right, bottom, px.
-pub const ROOM: [f64; 4] = [52.0, 34.0, 14.0, 42.0];
+pub const MARGINS: [f64; 4] = [52.0, 34.0, 14.0, 42.0];
 
 impl Plot {
-    /// With axes called `names` (x and y) that reach over `ranges`, first the value at the left or bottom. A range that is
-    /// empty or not finite becomes 0 to 1.
+    /// Creates a plot with axes called `names` (x and y) over `ranges`, each from its value at the left or bottom. A
+    /// range that is empty or not finite becomes 0 to 1.
     pub fn new(size: [f64; 2], title: &str, names: [&str; 2], ranges: [[f64; 2]; 2]) -> Self {
         let ranges =
             ranges.map(|[from, to]| if (to - from).is_finite() && to != from { [from, to] } else { [0.0, 1.0] });
-        let mut plot = Self { ranges, ..Self::bare(size, title) };
+        let mut plot = Self { ranges, ..Self::without_axes(size, title) };
         for (axis, name) in names.iter().enumerate() {
-            let [left, top, right, bottom] = ROOM;
+            let [left, top, right, bottom] = MARGINS;
             let (length, room) = match axis {
-                // Names stand beside each other, with a gap between them.
+                // Labels of the horizontal axis stand side by side, those of the vertical one share the left margin.
                 0 => (size[0] - left - right, None),
                 _ => (size[1] - top - bottom, Some(left - GAP)),
             };
             let too_wide = |labels: &[(f64, String)], step: f64| {
                 let apart =
                     room.unwrap_or_else(|| length * step / (plot.ranges[axis][1] - plot.ranges[axis][0]).abs() - GAP);
-                labels.iter().any(|(_, label)| width(label, TEXT) > apart)
+                labels.iter().any(|(_, label)| text_width(label, TEXT_STYLE) > apart)
             };
-            for (value, label) in ticks(plot.ranges[axis], too_wide) {
-                plot.tick(axis, value, &label);
+            for (value, label) in choose_ticks(plot.ranges[axis], too_wide) {
+                plot.draw_tick(axis, value, &label);
             }
             let baseline = if axis == 0 { size[1] - 8.0 } else { 18.0 };
-            plot.canvas.text([size[0] - ROOM[2], baseline], name, TEXT, Align::Right);
+            plot.canvas.draw_text([size[0] - MARGINS[2], baseline], name, TEXT_STYLE, TextAlign::Right);
         }
         plot
     }
 
-    /// Without axes: a title and room for words.
-    pub fn bare(size: [f64; 2], title: &str) -> Self {
+    /// Creates a plot with a title and no axes.
+    pub fn without_axes(size: [f64; 2], title: &str) -> Self {
         let mut canvas = Canvas::new(size[0], size[1]);
-        canvas.text([8.0, 18.0], title, TITLE, Align::Left);
+        canvas.draw_text([8.0, 18.0], title, TITLE_STYLE, TextAlign::Left);
         Self { canvas, size, ranges: [[0.0, 1.0]; 2] }
     }
 
-    fn tick(&mut self, axis: usize, value: f64, label: &str) {
+    fn draw_tick(&mut self, axis: usize, value: f64, label: &str) {
         let [[left, right], [low, high]] = self.ranges;
         let (mut from, mut to) = ([left, low], [right, high]);
         (from[axis], to[axis]) = (value, value);
-        let (from, to) = (self.place(from), self.place(to));
-        self.canvas.line(&[from, to], if value == 0.0 { GREY } else { FAINT }, 1.0, None);
+        let (from, to) = (self.to_canvas(from), self.to_canvas(to));
+        self.canvas.draw_line(&[from, to], if value == 0.0 { GREY } else { FAINT }, 1.0, None);
         match axis {
             0 => {
-                // A name that would reach over the page's edge is left out; its line says enough.
-                if from[0] + 0.5 * width(label, TEXT) <= self.size[0] {
-                    self.canvas.text([from[0], self.size[1] - ROOM[3] + 16.0], label, TEXT, Align::Middle);
+                // A label that would leave the page is omitted; its grid line is still drawn.
+                if from[0] + 0.5 * text_width(label, TEXT_STYLE) <= self.size[0] {
+                    self.canvas.draw_text(
+                        [from[0], self.size[1] - MARGINS[3] + 16.0],
+                        label,
+                        TEXT_STYLE,
+                        TextAlign::Middle,
+                    );
                 }
             }
-            _ => self.canvas.text([from[0] - 6.0, from[1] + 4.0], label, TEXT, Align::Right),
+            _ => self.canvas.draw_text([from[0] - 6.0, from[1] + 4.0], label, TEXT_STYLE, TextAlign::Right),
         }
     }
 
-    /// Where a point of the data is on the canvas. Points beyond the axes lie on their ends.
-    pub fn place(&self, [x, y]: Point) -> Point {
+    /// Returns where a point of the data is on the canvas. Points outside the axes are drawn at their ends.
+    pub fn to_canvas(&self, [x, y]: Point) -> Point {
         let share = |value: f64, [from, to]: [f64; 2]| {
             if value.is_nan() { 0.0 } else { ((value - from) / (to - from)).clamp(0.0, 1.0) }
         };
-        let [left, top, right, bottom] = ROOM;
+        let [left, top, right, bottom] = MARGINS;
         [
             left + share(x, self.ranges[0]) * (self.size[0] - left - right),
             self.size[1] - bottom - share(y, self.ranges[1]) * (self.size[1] - top - bottom),
@@ -94,50 +99,50 @@ impl Plot {
     }
 
     /// The plot as SVG.
-    pub fn svg(&self) -> Markup {
-        self.canvas.svg()
+    pub fn to_svg(&self) -> Markup {
+        self.canvas.to_svg()
     }
 }
 
-/// Distance of ticks, 1, 2 or 5 times a power of ten, so that there are 4 to 10 of them in `length`.
-fn step(length: f64) -> f64 {
+/// Returns a distance of ticks, 1, 2 or 5 times a power of ten, of which 4 to 10 fit into `length`.
+fn tick_step(length: f64) -> f64 {
     let rough = length / 4.0;
     let decade = libm::pow(10.0, libm::floor(libm::log10(rough)));
     let factor = [5.0, 2.0].into_iter().find(|factor| factor * decade <= rough).unwrap_or(1.0);
     factor * decade
 }
 
-/// The round values in a range, with what is written beside them: so many that no name is too wide for its place.
-fn ticks([from, to]: [f64; 2], too_wide: impl Fn(&[(f64, String)], f64) -> bool) -> Vec<(f64, String)> {
+/// Chooses the round values in a range and their labels, so many that no label is too wide for its place.
+fn choose_ticks([from, to]: [f64; 2], too_wide: impl Fn(&[(f64, String)], f64) -> bool) -> Vec<(f64, String)> {
     let (low, high) = (from.min(to), from.max(to));
-    let mut step = step(high - low);
-    // Wider names need wider steps; of those that never fit the last ones are taken.
+    let mut step = tick_step(high - low);
+    // Wider labels need wider steps. If they never fit, the last ticks are taken.
     for _ in 0..6 {
         let ticks = ticks_at(low, high, step);
         if ticks.len() <= 2 || !too_wide(&ticks, step) {
             return ticks;
         }
-        step = wider(step);
+        step = next_step(step);
     }
     ticks_at(low, high, step)
 }
 
-/// The multiples of `step` in a range.
+/// Returns the multiples of `step` in a range, with their labels.
 fn ticks_at(low: f64, high: f64, step: f64) -> Vec<(f64, String)> {
     let first = (low / step - 1e-9).ceil();
-    // Counted, because adding a step to a large number may not change it.
+    // By multiplication, because adding a step to a large number may not change it.
     let values = (0..12).map(|k| (first + f64::from(k)) * step).take_while(|value| *value <= high + 1e-9 * step);
-    values.map(|value| (value, label(value, step))).collect()
+    values.map(|value| (value, format_tick(value, step))).collect()
 }
 
-/// The next step of 1, 2, 5 times a power of ten.
-fn wider(step: f64) -> f64 {
+/// Returns the next larger step of 1, 2 or 5 times a power of ten.
+fn next_step(step: f64) -> f64 {
     let lead = step / libm::pow(10.0, libm::floor(libm::log10(step) + 1e-9));
     step * if (1.5..3.5).contains(&lead) { 2.5 } else { 2.0 }
 }
 
-/// A tick's value with as many digits as tell it from the next one.
-fn label(value: f64, step: f64) -> String {
+/// Formats a tick's value with as many digits as tell it from the next one.
+fn format_tick(value: f64, step: f64) -> String {
     let places = |value: f64| libm::floor(libm::log10(value.abs()) + 1e-9);
     match value.abs() {
         0.0 => String::from("0"),
@@ -162,16 +167,16 @@ mod tests {
     fn ticks_are_round_and_few() {
         for (end, expected) in [(255.0, 50.0), (1.0, 0.2), (0.9, 0.2), (8.4, 2.0), (33.0, 5.0), (10.0, 2.0), (4.0, 1.0)]
         {
-            assert!((step(end) - expected).abs() < 1e-12 * end, "{end}: {}", step(end));
+            assert!((tick_step(end) - expected).abs() < 1e-12 * end, "{end}: {}", tick_step(end));
         }
         for end in [1e-300, 1e-3, 7.77, 1e300] {
-            assert!((3.9..=10.1).contains(&(end / step(end))), "{end}");
+            assert!((3.9..=10.1).contains(&(end / tick_step(end))), "{end}");
         }
     }
 
     #[test]
     fn axes_begin_anywhere_and_run_either_way() {
-        let labels = |range| ticks(range, |_, _| false).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
+        let labels = |range| choose_ticks(range, |_, _| false).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
         assert_eq!(labels([-7.5, 7.5]), ["-6", "-4", "-2", "0", "2", "4", "6"]);
         assert_eq!(labels([7.5, -7.5]), labels([-7.5, 7.5]));
         assert_eq!(labels([0.31, 0.52]), ["0.35", "0.4", "0.45", "0.5"]);
@@ -184,21 +189,21 @@ mod tests {
         );
         for range in [[1e17, 1e17 + 64.0], [-1e300, 1e300], [1e-310, 3e-310], [5.0, 5.0], [0.0, f64::NAN]] {
             let plot = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, range]);
-            assert!(plot.svg().0.len() < 20_000, "{range:?}");
-            let at = plot.place([range[0], range[1]]);
+            assert!(plot.to_svg().0.len() < 20_000, "{range:?}");
+            let at = plot.to_canvas([range[0], range[1]]);
             assert!(at.iter().all(|at| (0.0..=330.0).contains(at)), "{range:?}: {at:?}");
         }
     }
 
     /// Left and right end of every name of the horizontal axis.
     fn names(range: [f64; 2]) -> Vec<(f64, f64)> {
-        let svg = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, [0.0, 9.0]]).svg().0;
+        let svg = Plot::new([330.0, 220.0], "t", ["x", "y"], [range, [0.0, 9.0]]).to_svg().0;
         let parsed = roxmltree::Document::parse(&svg).expect("well-formed");
         let number =
             |node: &roxmltree::Node, name: &str| node.attribute(name).and_then(|text| text.parse::<f64>().ok());
-        let names = parsed.descendants().filter(|node| number(node, "y") == Some(220.0 - ROOM[3] + 16.0));
+        let names = parsed.descendants().filter(|node| number(node, "y") == Some(220.0 - MARGINS[3] + 16.0));
         let ends = names.map(|node| {
-            let half = 0.5 * width(node.text().unwrap_or_default(), TEXT);
+            let half = 0.5 * text_width(node.text().unwrap_or_default(), TEXT_STYLE);
             let middle = number(&node, "x").expect("a place");
             (middle - half, middle + half)
         });

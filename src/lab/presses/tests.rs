@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 
-fn table(text: &str) -> Table {
+fn table(text: &str) -> PressTable {
     parse(Path::new("real/a.csv"), text.as_bytes()).unwrap_or_else(|report| panic!("{text:?}: {report}"))
 }
 
@@ -21,7 +21,7 @@ note,radius_px,file,src_radius_px,mm_per_px,centre_y_px,centre_x_px,ball_radius_
 #[test]
 fn columns_stand_in_any_order_and_unknown_ones_are_passed_over() {
     let presses = table(TABLE).presses;
-    let full = Press {
+    let full = PressRow {
         file: String::from("images/2.png"),
         path: PathBuf::from("real/images/2.png"),
         line: 2,
@@ -29,7 +29,7 @@ fn columns_stand_in_any_order_and_unknown_ones_are_passed_over() {
         ball_radius_mm: Some(2.0),
         mm_per_px: Some(0.0295),
     };
-    let bare = Press {
+    let bare = PressRow {
         file: String::from("../3 b.png"),
         path: PathBuf::from("real/../3 b.png"),
         line: 3,
@@ -118,11 +118,11 @@ fn what_is_wrong_with_the_whole_table_is_said_once() {
 
 #[test]
 fn a_table_of_too_many_rows_or_bytes_is_refused() {
-    let rows: String = (0..=MOST_PRESSES).map(|row| format!("{row}\n")).collect();
+    let rows: String = (0..=MAX_PRESSES).map(|row| format!("{row}\n")).collect();
     assert!(refused(format!("file\n{rows}").as_bytes()).contains("a.csv:100002:1"));
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.csv");
-    std::fs::File::create(&path).and_then(|file| file.set_len(MOST_BYTES + 1)).expect("a sparse file");
+    std::fs::File::create(&path).and_then(|file| file.set_len(MAX_BYTES + 1)).expect("a sparse file");
     assert!(read(&path).expect_err("too large").to_string().contains("larger than 16 MB"));
     assert!(read(&folder.path().join("none.csv")).expect_err("absent").to_string().contains("cannot read the table"));
 }
@@ -131,10 +131,10 @@ fn a_table_of_too_many_rows_or_bytes_is_refused() {
 fn a_mistake_found_later_names_its_row() {
     let table = table(TABLE);
     let mut problems = Diagnostics::default();
-    problems.push(table.problem(3, "the image is saturated"));
+    problems.push(table.row_problem(3, "the image is saturated"));
     let shown = table.report(&problems).to_string();
     assert!(shown.contains("real/a.csv:3:1") && shown.contains("the image is saturated"), "{shown}");
-    problems.push(table.problem(u64::MAX, "no such line"));
+    problems.push(table.row_problem(u64::MAX, "no such line"));
     assert!(table.report(&problems).to_string().contains("no such line"));
 }
 
@@ -171,7 +171,7 @@ proptest! {
         let place = |x: f64| if x.is_finite() { x } else { 0.0 };
         let mut expected = Vec::new();
         for (row, (name, circle, ball, pixel_size)) in (0..).zip(rows) {
-            let press = Press {
+            let press = PressRow {
                 file: format!("{row}{name}.png"),
                 path: PathBuf::from(format!("{row}{name}.png")),
                 line: row + 2,

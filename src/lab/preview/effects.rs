@@ -1,21 +1,21 @@
-//! Sheets of effects: for each one that a job's samples call for the image with it, the same image without it, and the
-//! difference. Noise is addressed by sample and pixel: both images have the same, and the difference has none.
+//! Sheets of effects: for each one that a job's samples enable, the image with it, the same image without it, and the
+//! difference. Noise depends on sample and pixel alone, so both images have the same noise and the difference has none.
 
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::canvas::{GAP, difference};
-use super::picture;
-use super::rows::{self, Row};
+use super::canvas::{GAP, amplify_difference};
+use super::image_to_rgb;
+use super::rows::{self, SheetRow};
 use gelsim_core::effects::{Effect, EffectPolicy};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
 
-/// What an effect changes in one sample.
+/// An image with and without an effect.
 pub struct EffectComparison {
     /// The effect.
     pub effect: Effect,
-    /// The sample's number.
+    /// Number of the sample.
     index: u64,
     /// Why the effect ran.
     reason: String,
@@ -23,19 +23,20 @@ pub struct EffectComparison {
     without: RgbImage,
 }
 
-/// A comparison for each effect that ran in any of the samples `indices`, from the first in which it did.
-pub fn compare(plan: &Plan, indices: &[u64]) -> Vec<EffectComparison> {
-    let ran = first_runs(plan, indices);
+/// Compares images with and without each effect that ran in any of the samples `indices`, for the first sample in which
+/// it ran.
+pub fn compare_effect_images(plan: &Plan, indices: &[u64]) -> Vec<EffectComparison> {
+    let ran = find_first_runs(plan, indices);
     let compared = ran.into_par_iter().map(|(effect, index, reason, with)| {
         let other = plan.with_policy(EffectPolicy::Without(effect));
-        EffectComparison { effect, index, reason, with, without: picture(&render(&other, index).impression.image) }
+        EffectComparison { effect, index, reason, with, without: image_to_rgb(&render(&other, index).impression.image) }
     });
     compared.collect()
 }
 
-/// Each effect with the first sample in which it ran, why it did, and that sample's image.
-fn first_runs(plan: &Plan, indices: &[u64]) -> Vec<(Effect, u64, String, RgbImage)> {
-    /// Samples that are rendered at a time.
+/// Finds the first sample in which each effect ran: effect, sample, the reason, and the image.
+fn find_first_runs(plan: &Plan, indices: &[u64]) -> Vec<(Effect, u64, String, RgbImage)> {
+    /// Samples that are rendered at once.
     const BLOCK: usize = 8;
     let mut ran = Vec::new();
     let mut missing = Effect::ALL.to_vec();
@@ -44,9 +45,9 @@ fn first_runs(plan: &Plan, indices: &[u64]) -> Vec<(Effect, u64, String, RgbImag
         for (index, sample) in samples {
             let notes = &sample.label.effects;
             let new = missing.iter().filter(|effect| notes[**effect].ran);
-            ran.extend(
-                new.map(|&effect| (effect, index, notes[effect].reason.to_string(), picture(&sample.impression.image))),
-            );
+            ran.extend(new.map(|&effect| {
+                (effect, index, notes[effect].reason.to_string(), image_to_rgb(&sample.impression.image))
+            }));
             missing.retain(|effect| !notes[*effect].ran);
         }
         if missing.is_empty() {
@@ -58,35 +59,35 @@ fn first_runs(plan: &Plan, indices: &[u64]) -> Vec<(Effect, u64, String, RgbImag
 }
 
 impl EffectComparison {
-    /// Changes of all values, grey levels.
-    fn changes(&self) -> impl Iterator<Item = i32> {
+    /// Changes of all values by the effect, grey levels.
+    fn value_changes(&self) -> impl Iterator<Item = i32> {
         self.with.iter().zip(self.without.iter()).map(|(with, without)| i32::from(*with) - i32::from(*without))
     }
 
-    /// Largest change and mean of the changes' sizes, grey levels.
-    fn size(&self) -> (u32, f64) {
-        let sizes = || self.changes().map(i32::unsigned_abs);
+    /// Largest change, and mean size of the changes, grey levels.
+    fn change_size(&self) -> (u32, f64) {
+        let sizes = || self.value_changes().map(i32::unsigned_abs);
         let count = self.with.len().max(1) as f64;
         (sizes().max().unwrap_or_default(), sizes().map(f64::from).sum::<f64>() / count)
     }
 }
 
-/// The strongest gain with which a change of this many levels stays in range.
-fn gain(largest: u32) -> i32 {
+/// Returns the largest gain with which changes up to `largest` levels stay in range.
+fn choose_gain(largest: u32) -> i32 {
     [16, 8, 4, 2].into_iter().find(|gain| gain * largest <= 127).unwrap_or(1) as i32
 }
 
-/// Widest panel with which a sheet is at most 2000 px wide.
-pub const PANEL: u32 = (2000 - GAP) / 3 - GAP;
+/// Widest panel with which a sheet of three columns is at most 2000 px wide.
+pub const WIDEST_PANEL: u32 = (2000 - GAP) / 3 - GAP;
 
-/// Lays comparisons out one below the other; pictures are made `panel_width` px wide at the most.
-pub fn sheet(comparisons: &[EffectComparison], panel_width: u32) -> RgbImage {
+/// Draws comparisons one below the other. Pictures are at most `panel_width` px wide.
+pub fn draw_effect_sheet(comparisons: &[EffectComparison], panel_width: u32) -> RgbImage {
     let row = |comparison: &EffectComparison| {
-        let (largest, mean) = comparison.size();
-        let gain = gain(largest);
+        let (largest, mean) = comparison.change_size();
+        let gain = choose_gain(largest);
         let EffectComparison { effect, index, reason, with, without } = comparison;
-        Row {
-            panels: vec![with.clone(), without.clone(), difference(without, with, gain)],
+        SheetRow {
+            panels: vec![with.clone(), without.clone(), amplify_difference(without, with, gain)],
             captions: vec![
                 (0, format!("{} #{index}: {reason}", effect.name())),
                 (2, format!("x {gain}, mean {mean:.2}, largest {largest}")),
@@ -94,7 +95,7 @@ pub fn sheet(comparisons: &[EffectComparison], panel_width: u32) -> RgbImage {
         }
     };
     let titles = ["all effects", "without this one", "grey + gain x change, levels"];
-    rows::sheet(&titles, comparisons.iter().map(row).collect(), panel_width)
+    rows::draw_row_sheet(&titles, comparisons.iter().map(row).collect(), panel_width)
 }
 
 #[cfg(test)]
@@ -113,24 +114,24 @@ mod tests {
         let mut with = without.clone();
         with.put_pixel(1, 1, Rgb([130, 50, 185]));
         let comparison = comparison(with, without);
-        let (largest, mean) = comparison.size();
+        let (largest, mean) = comparison.change_size();
         assert_eq!((largest, mean), (30, 45.0 / 24.0));
-        let difference = difference(&comparison.without, &comparison.with, gain(largest));
+        let difference = amplify_difference(&comparison.without, &comparison.with, choose_gain(largest));
         assert_eq!(difference.get_pixel(1, 1).0, [128 + 4 * 30, 128, 128 - 4 * 15]);
         assert_eq!(difference.get_pixel(0, 1).0, [128; 3]);
-        assert_eq!([0, 7, 8, 15, 16, 31, 32, 63, 64, 255].map(gain), [16, 16, 8, 8, 4, 4, 2, 2, 1, 1]);
+        assert_eq!([0, 7, 8, 15, 16, 31, 32, 63, 64, 255].map(choose_gain), [16, 16, 8, 8, 4, 4, 2, 2, 1, 1]);
     }
 
     #[test]
     fn pictures_keep_their_size_unless_the_sheet_gets_too_wide() {
         let sized = |width, height| comparison(RgbImage::new(width, height), RgbImage::new(width, height));
-        let width = |picture: u32| sheet(&[sized(picture, 30)], PANEL).width();
+        let width = |picture: u32| draw_effect_sheet(&[sized(picture, 30)], WIDEST_PANEL).width();
         assert_eq!(width(640), 3 * 646 + 6);
-        assert_eq!(width(4000), width(PANEL));
+        assert_eq!(width(4000), width(WIDEST_PANEL));
         assert!(width(4000) <= 2000);
         assert_eq!(width(1), width(196), "room for text");
         let two = [sized(640, 30), sized(640, 30)];
-        assert_eq!(sheet(&two, PANEL).height(), 2 * (30 + CAPTION + GAP) + CAPTION + GAP);
-        assert_eq!(sheet(&[], PANEL).height(), CAPTION + GAP);
+        assert_eq!(draw_effect_sheet(&two, WIDEST_PANEL).height(), 2 * (30 + CAPTION + GAP) + CAPTION + GAP);
+        assert_eq!(draw_effect_sheet(&[], WIDEST_PANEL).height(), CAPTION + GAP);
     }
 }

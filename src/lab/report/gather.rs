@@ -1,40 +1,41 @@
-//! What is gathered of a dataset, from labels and stats: plain sums, which divide over shards and add up again. Memory
+//! Gathers what labels and stats say of a dataset, as plain sums: shards are summed by themselves and merged. Memory
 //! depends on what there is to tell apart (classes, objects, reasons), not on the number of samples.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::histogram::{Histogram, PerSplit, add};
-use super::places::Places;
+use super::heatmap::PointHeatmap;
+use super::histogram::{Histogram, PerSplit, add_counts};
 use super::quantities::QUANTITIES;
-use super::sequences::Sequences;
+use super::sequences::SequenceStats;
 use crate::preview::Tile;
 use gelsim_core::base::clock::Seconds;
 use gelsim_core::effects::{Effect, PerEffect};
-use gelsim_dataset::stats::{Count, Stats};
-use gelsim_dataset::verify::Finding;
+use gelsim_dataset::stats::{EffectCount, ShardStats};
+use gelsim_dataset::verify::DatasetFinding;
 use gelsim_job::label::Label;
 use gelsim_job::layout::Split;
 
-/// What is known of the samples of some shards.
+/// Sums over the samples of some shards.
 pub struct DatasetStats {
     /// Samples whose labels were read.
     pub samples: PerSplit,
-    /// Those among them in contact.
+    /// Samples in contact, of those.
     pub in_contact: PerSplit,
     /// Samples of each class.
     pub classes: BTreeMap<String, PerSplit>,
     /// Class and samples of each object.
     pub objects: BTreeMap<String, (String, PerSplit)>,
-    /// Fidelity, model of the pad and of the light; one unless something is very wrong.
+    /// Fidelity level, gelpad model and optics model of the samples; a single combination unless shards of different
+    /// jobs are mixed.
     pub models: BTreeSet<[String; 3]>,
     /// A histogram of each of [`QUANTITIES`].
     pub histograms: Vec<Histogram>,
     /// Mean grey levels of some tactile images.
     pub brightness: Histogram,
-    /// What sequences have beyond that.
-    pub sequences: Sequences,
-    /// Middles of the contacts.
-    pub places: Places,
+    /// Sums that only sequences have.
+    pub sequences: SequenceStats,
+    /// Heatmap of the contacts' centroids.
+    pub places: PointHeatmap,
     /// Why each effect ran (true) or did not, with the number of samples.
     pub reasons: PerEffect<BTreeMap<(bool, String), u64>>,
     /// Samples that are not healthy.
@@ -43,35 +44,35 @@ pub struct DatasetStats {
     pub unconverged: Reasons,
     /// Draws that were rejected.
     pub rejected: Reasons,
-    /// Samples pressed deeper than the pad's theory reaches.
+    /// Samples pressed deeper than the gelpad's theory holds.
     pub beyond_theory: u64,
-    /// Samples with clipped, saturated, over-thick pixels.
+    /// Numbers of samples with clipped pixels, saturated pixels, and pixels limited to the pad's thickness.
     pub pixels: [u64; 3],
     /// Number and bytes of the files with a suffix.
     pub files: BTreeMap<String, (u64, u64)>,
-    /// What the shards' stats add up to.
-    pub totals: Totals,
+    /// Sums of the shards' stats.
+    pub totals: ShardTotals,
     /// Samples for the contact sheet.
-    pub tiles: Vec<Picture>,
-    /// What is wrong.
-    pub findings: Vec<Finding>,
+    pub tiles: Vec<SampleTile>,
+    /// Problems that were found.
+    pub findings: Vec<DatasetFinding>,
 }
 
-/// What stats of shards add up to.
+/// Sums of the stats of shards.
 #[derive(Clone, Debug)]
-pub struct Totals {
+pub struct ShardTotals {
     /// Shards with stats.
     pub shards: u64,
-    /// Their samples.
+    /// Samples in these shards.
     pub samples: u64,
     /// Bytes of the shards.
     pub bytes: u64,
-    /// MiB of each shard.
+    /// Size of each shard, MiB.
     pub shard_mib: Histogram,
     /// CPU seconds per stage.
     pub seconds: Seconds,
-    /// Per effect.
-    pub effects: PerEffect<Count>,
+    /// Runs and CPU time of each effect.
+    pub effects: PerEffect<EffectCount>,
     /// Versions of the generators.
     pub generators: BTreeSet<String>,
     /// Fingerprints of the job.
@@ -79,47 +80,47 @@ pub struct Totals {
 }
 
 /// A sample of the contact sheet.
-pub struct Picture {
-    /// Its number.
+pub struct SampleTile {
+    /// Number of the sample.
     pub index: u64,
-    /// Its split.
+    /// Split of the sample.
     pub split: Split,
-    /// Its images.
+    /// Pictures of the sample.
     pub tile: Tile,
 }
 
-/// Reasons of one kind, told apart by their words; how often each was given, and the first few keys.
+/// Reasons of one kind, told apart by their words, with the number of times and the first keys of each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Reasons(BTreeMap<String, (u64, BTreeSet<String>)>);
 
 impl Reasons {
-    /// Keys that are named for a reason.
-    const MOST_NAMED: usize = 5;
+    /// Most keys that are kept for a reason.
+    const MAX_NAMED: usize = 5;
 
-    fn count(&mut self, reason: &str, key: &str) {
-        self.add(without_numbers(reason), 1, BTreeSet::from([key.to_owned()]));
+    fn count_reason(&mut self, reason: &str, key: &str) {
+        self.add_reason(replace_numbers(reason), 1, BTreeSet::from([key.to_owned()]));
     }
 
-    fn add(&mut self, reason: String, count: u64, keys: BTreeSet<String>) {
+    fn add_reason(&mut self, reason: String, count: u64, keys: BTreeSet<String>) {
         let (sum, named) = self.0.entry(reason).or_default();
         *sum += count;
         named.extend(keys);
-        while named.len() > Self::MOST_NAMED {
+        while named.len() > Self::MAX_NAMED {
             named.pop_last();
         }
     }
 
     fn merge(&mut self, other: Self) {
-        other.0.into_iter().for_each(|(reason, (count, keys))| self.add(reason, count, keys));
+        other.0.into_iter().for_each(|(reason, (count, keys))| self.add_reason(reason, count, keys));
     }
 
-    /// How often any was given.
+    /// Number of times that any reason was given.
     pub fn total(&self) -> u64 {
         self.0.values().map(|(count, _)| count).sum()
     }
 
-    /// Every reason with its count and the least keys; the most frequent first.
-    pub fn ranked(&self) -> Vec<(&str, u64, Vec<&str>)> {
+    /// Lists every reason with its count and its lowest keys, the most frequent first.
+    pub fn ranked_reasons(&self) -> Vec<(&str, u64, Vec<&str>)> {
         let listed = self.0.iter().map(|(reason, (count, keys))| {
             (reason.as_str(), *count, keys.iter().map(String::as_str).collect::<Vec<_>>())
         });
@@ -129,8 +130,8 @@ impl Reasons {
     }
 }
 
-/// A text with an ellipsis for each number, so that sentences about different numbers are one reason.
-fn without_numbers(text: &str) -> String {
+/// Replaces each number of a text by an ellipsis, so that sentences that differ only in numbers are one reason.
+fn replace_numbers(text: &str) -> String {
     let (mut out, mut within) = (String::with_capacity(text.len()), false);
     for (at, c) in text.char_indices() {
         let next_is_digit = || text[at + c.len_utf8()..].starts_with(|next: char| next.is_ascii_digit());
@@ -146,7 +147,7 @@ fn without_numbers(text: &str) -> String {
 }
 
 impl DatasetStats {
-    /// Of no samples, in a view of this width and height.
+    /// Creates empty sums for a view of this width and height, mm.
     pub fn new(view_mm: [f64; 2]) -> Self {
         Self {
             samples: PerSplit::default(),
@@ -154,10 +155,10 @@ impl DatasetStats {
             classes: BTreeMap::new(),
             objects: BTreeMap::new(),
             models: BTreeSet::new(),
-            histograms: QUANTITIES.iter().map(|quantity| quantity.histogram()).collect(),
+            histograms: QUANTITIES.iter().map(|quantity| quantity.new_histogram()).collect(),
             brightness: Histogram::continuous(),
-            sequences: Sequences::default(),
-            places: Places::new(view_mm),
+            sequences: SequenceStats::default(),
+            places: PointHeatmap::new(view_mm),
             reasons: PerEffect::default(),
             unhealthy: Reasons::default(),
             unconverged: Reasons::default(),
@@ -165,7 +166,7 @@ impl DatasetStats {
             beyond_theory: 0,
             pixels: [0; 3],
             files: BTreeMap::new(),
-            totals: Totals {
+            totals: ShardTotals {
                 shards: 0,
                 samples: 0,
                 bytes: 0,
@@ -181,10 +182,10 @@ impl DatasetStats {
     }
 
     /// Counts a sample of a split.
-    pub fn count(&mut self, split: Split, label: &Label) {
+    pub fn count_sample(&mut self, split: Split, label: &Label) {
         let at = split.number();
         self.samples[at] += 1;
-        counted(&mut self.classes, &label.header.object.class)[at] += 1;
+        entry_or_default(&mut self.classes, &label.header.object.class)[at] += 1;
         match self.objects.get_mut(&label.header.object.id) {
             Some((_, counts)) => counts[at] += 1,
             None => {
@@ -198,22 +199,22 @@ impl DatasetStats {
         self.models.insert(models);
         if label.contact.in_contact {
             self.in_contact[at] += 1;
-            self.places.count(label.contact.centroid_mm);
+            self.places.count_point(label.contact.centroid_mm);
         }
         for (quantity, histogram) in QUANTITIES.iter().zip(&mut self.histograms) {
-            // Two finite numbers may make one that is not.
-            if let Some(value) = (quantity.of)(label).filter(|value| value.is_finite()) {
-                histogram.count(split, value);
+            // A quantity computed from finite numbers may overflow.
+            if let Some(value) = (quantity.value_of)(label).filter(|value| value.is_finite()) {
+                histogram.count_value(split, value);
             }
         }
         for (effect, note) in label.effects.iter() {
             *self.reasons[effect].entry((note.ran, note.reason.to_string())).or_default() += 1;
         }
         if !label.health.healthy {
-            self.unhealthy.count(&label.health.reason, &label.header.key);
+            self.unhealthy.count_reason(&label.health.reason, &label.header.key);
         }
         if !label.numerics.converged {
-            self.unconverged.count("the solver stopped before its tolerance", &label.header.key);
+            self.unconverged.count_reason("the solver stopped before its tolerance", &label.header.key);
         }
         self.beyond_theory += u64::from(label.numerics.beyond_theory);
         let health = &label.health;
@@ -221,34 +222,34 @@ impl DatasetStats {
         self.pixels.iter_mut().zip(pixels).for_each(|(samples, px)| *samples += u64::from(px > 0));
     }
 
-    /// Counts what is known of a shard of a split.
-    pub fn count_shard(&mut self, split: Split, stats: &Stats) {
+    /// Counts the stats of a shard of a split.
+    pub fn count_shard(&mut self, split: Split, stats: &ShardStats) {
         let totals = &mut self.totals;
         totals.shards += 1;
         totals.samples += stats.samples;
         totals.bytes += stats.bytes;
-        totals.shard_mib.count(split, stats.bytes as f64 / 1_048_576.0);
+        totals.shard_mib.count_value(split, stats.bytes as f64 / 1_048_576.0);
         totals.seconds.add(&stats.seconds);
         for (effect, count) in stats.effects.iter() {
             totals.effects[effect].add(count);
         }
         totals.generators.insert(stats.generator.clone());
         totals.fingerprints.insert(stats.fingerprint.clone());
-        stats.rejections.iter().for_each(|draw| self.rejected.count(&draw.reason, &draw.key));
+        stats.rejections.iter().for_each(|draw| self.rejected.count_reason(&draw.reason, &draw.key));
     }
 
-    /// Shows a sample on the contact sheet.
-    pub fn show(&mut self, index: u64, split: Split, tile: Tile) {
-        self.tiles.push(Picture { index, split, tile });
+    /// Adds a sample to the contact sheet.
+    pub fn add_tile(&mut self, index: u64, split: Split, tile: Tile) {
+        self.tiles.push(SampleTile { index, split, tile });
     }
 
-    /// Adds what is known of other shards, which come after these.
+    /// Adds the sums of later shards.
     pub fn merge(&mut self, other: Self) {
-        add(&mut self.samples, &other.samples);
-        add(&mut self.in_contact, &other.in_contact);
-        other.classes.iter().for_each(|(name, counts)| add(counted(&mut self.classes, name), counts));
+        add_counts(&mut self.samples, &other.samples);
+        add_counts(&mut self.in_contact, &other.in_contact);
+        other.classes.iter().for_each(|(name, counts)| add_counts(entry_or_default(&mut self.classes, name), counts));
         for (id, (class, counts)) in other.objects {
-            add(&mut self.objects.entry(id).or_insert((class, PerSplit::default())).1, &counts);
+            add_counts(&mut self.objects.entry(id).or_insert((class, PerSplit::default())).1, &counts);
         }
         self.models.extend(other.models);
         self.histograms.iter_mut().zip(other.histograms).for_each(|(sum, more)| sum.merge(more));
@@ -266,7 +267,7 @@ impl DatasetStats {
         self.beyond_theory += other.beyond_theory;
         self.pixels.iter_mut().zip(other.pixels).for_each(|(sum, samples)| *sum += samples);
         for (suffix, (number, bytes)) in &other.files {
-            let sum = counted(&mut self.files, suffix);
+            let sum = entry_or_default(&mut self.files, suffix);
             *sum = (sum.0 + number, sum.1 + bytes);
         }
         self.totals.merge(other.totals);
@@ -275,7 +276,7 @@ impl DatasetStats {
     }
 }
 
-impl Totals {
+impl ShardTotals {
     fn merge(&mut self, other: Self) {
         self.shards += other.shards;
         self.samples += other.samples;
@@ -290,8 +291,8 @@ impl Totals {
     }
 }
 
-/// The entry of a name, whose text is copied only once.
-pub fn counted<'a, T: Default>(map: &'a mut BTreeMap<String, T>, name: &str) -> &'a mut T {
+/// Returns the entry of a name, which is inserted if it is missing. The name is copied only then.
+pub fn entry_or_default<'a, T: Default>(map: &'a mut BTreeMap<String, T>, name: &str) -> &'a mut T {
     if !map.contains_key(name) {
         map.insert(name.to_owned(), T::default());
     }
@@ -306,10 +307,10 @@ mod tests {
     fn reasons_that_differ_in_numbers_only_are_one_with_its_least_keys() {
         let text = "the contact is not solved: 0.125 um are left after 200 iterations; between -3 and 1.5 mm.";
         let kind = "the contact is not solved: \u{2026} um are left after \u{2026} iterations; between \u{2026} and \u{2026} mm.";
-        assert_eq!(without_numbers(text), kind);
+        assert_eq!(replace_numbers(text), kind);
         let given = |keys: &mut dyn Iterator<Item = u64>| {
             let mut reasons = Reasons::default();
-            keys.for_each(|key| reasons.count(&format!("{key}.5 um"), &gelsim_job::label::key(key)));
+            keys.for_each(|key| reasons.count_reason(&format!("{key}.5 um"), &gelsim_job::label::sample_key(key)));
             reasons
         };
         let in_order = given(&mut (0..20));
@@ -317,7 +318,7 @@ mod tests {
             (given(&mut (0..20).filter(|key| key % 3 > 0)), given(&mut (0..20).filter(|key| key % 3 == 0)));
         a.merge(b);
         assert_eq!(a, in_order);
-        let ranked = in_order.ranked();
+        let ranked = in_order.ranked_reasons();
         assert_eq!((ranked.len(), ranked[0].0, ranked[0].1), (1, "\u{2026} um", 20));
         assert_eq!(ranked[0].2, ["000000000", "000000001", "000000002", "000000003", "000000004"]);
     }

@@ -1,11 +1,11 @@
-//! What a report shows of sequences: when they slip and how they are pushed, and force over time of some of them.
+//! What a report shows of sequences: when they slip and how they are loaded, and the force over time of some.
 
 use super::histogram::Histogram;
 use gelsim_job::gripper::label::GripSequenceLabel;
 use gelsim_job::layout::Split;
 use gelsim_job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
 
-/// A number of a sequence.
+/// A quantity of a sequence.
 pub struct SequenceQuantity {
     /// Title of its histogram.
     pub title: &'static str,
@@ -13,124 +13,124 @@ pub struct SequenceQuantity {
     pub axis: &'static str,
     /// Which sequences have it, in words.
     pub among: &'static str,
-    of: fn(&Course) -> Option<f64>,
+    value_of: fn(&PadCourse) -> Option<f64>,
 }
 
-/// What happens to a pad in a sequence.
-struct Course<'a> {
+/// What happens to one pad in a sequence.
+struct PadCourse<'a> {
     index: u64,
     class: &'a str,
-    /// Of a gripper's pads which one.
+    /// Which of a gripper's two pads.
     finger: Option<&'static str>,
-    /// What holds for the whole sequence; none for the second pad of one.
+    /// Facts about the whole sequence; none for its second pad, so that they count once.
     friction_coefficient: Option<f64>,
     first_slip_s: Option<f64>,
     gross_slip_s: Option<f64>,
     frames: Vec<&'a FrameLabel>,
 }
 
-/// Said of what every sequence has, of a gripper each of its pads.
-pub const EACH: &str = "sequences";
+/// Name of a quantity's population that every sequence is in; of a gripper, every pad.
+pub const EVERY_SEQUENCE: &str = "sequences";
 
-/// All of them, in the order of the page.
+/// All quantities, in the order of the page.
 pub const QUANTITIES: [SequenceQuantity; 6] = [
     SequenceQuantity {
         title: "Friction coefficient",
         axis: "",
         among: "sequences that may slip",
-        of: |course| course.friction_coefficient,
+        value_of: |course| course.friction_coefficient,
     },
     SequenceQuantity {
         title: "Onset of slip",
         axis: "s",
         among: "sequences that slip",
-        of: |course| course.first_slip_s,
+        value_of: |course| course.first_slip_s,
     },
     SequenceQuantity {
         title: "Onset of gross slip",
         axis: "s",
-        among: "sequences that slip as a whole",
-        of: |course| course.gross_slip_s,
+        among: "sequences with gross slip",
+        value_of: |course| course.gross_slip_s,
     },
     SequenceQuantity {
         title: "Largest normal force",
         axis: "N",
-        among: EACH,
-        of: |course| largest(course, |frame| -frame.wrench.force_n[2]),
+        among: EVERY_SEQUENCE,
+        value_of: |course| largest_over_frames(course, |frame| -frame.wrench.force_n[2]),
     },
     SequenceQuantity {
         title: "Largest tangential force",
         axis: "N",
-        among: EACH,
-        of: |course| largest(course, tangential),
+        among: EVERY_SEQUENCE,
+        value_of: |course| largest_over_frames(course, tangential_force),
     },
     SequenceQuantity {
         title: "Largest torque about z",
         axis: "N mm",
-        among: EACH,
-        of: |course| largest(course, |frame| frame.wrench.torque_nmm[2].abs()),
+        among: EVERY_SEQUENCE,
+        value_of: |course| largest_over_frames(course, |frame| frame.wrench.torque_nmm[2].abs()),
     },
 ];
 
 /// Force in the pad's plane, N.
-fn tangential(frame: &FrameLabel) -> f64 {
+fn tangential_force(frame: &FrameLabel) -> f64 {
     let [x, y, _] = frame.wrench.force_n;
     libm::hypot(x, y)
 }
 
-fn largest(course: &Course, of: impl Fn(&FrameLabel) -> f64) -> Option<f64> {
+fn largest_over_frames(course: &PadCourse, of: impl Fn(&FrameLabel) -> f64) -> Option<f64> {
     course.frames.iter().map(|frame| of(frame)).max_by(f64::total_cmp)
 }
 
-/// What is known of the sequences of some shards.
-pub struct Sequences {
+/// Sums over the sequences of some shards.
+pub struct SequenceStats {
     /// A histogram of each of [`QUANTITIES`].
     pub histograms: Vec<Histogram>,
-    /// Frames of all of them.
+    /// Number of frames of all sequences.
     pub frames: u64,
-    /// True if they are of grippers, with two pads each.
+    /// Whether they are of grippers, with two pads each.
     pub of_fingers: bool,
-    /// Forces of some.
-    pub curves: Vec<Curve>,
+    /// Forces of some sequences.
+    pub curves: Vec<ForceCurve>,
 }
 
 /// Forces of a sequence over time.
-pub struct Curve {
-    /// The sample's number.
+pub struct ForceCurve {
+    /// Number of the sample.
     pub index: u64,
-    /// What stands above.
+    /// Title of the curve.
     pub title: String,
-    /// Time, s; normal force, tangential force and the most that friction holds, N; share that sticks; how much slips.
-    pub points: Vec<Point>,
+    /// Frames in the order of time.
+    pub points: Vec<CurvePoint>,
 }
 
 /// A frame of a curve.
-pub struct Point {
-    /// s.
+pub struct CurvePoint {
+    /// Time, s.
     pub t_s: f64,
-    /// N.
+    /// Normal force, N.
     pub normal_n: f64,
-    /// N.
+    /// Tangential force, N.
     pub tangential_n: f64,
-    /// N; none where nothing slips.
+    /// Largest tangential force that friction can hold, N; none without a friction coefficient.
     pub limit_n: Option<f64>,
-    /// How much slips.
+    /// State of slip.
     pub slip: SlipState,
 }
 
-impl Default for Sequences {
+impl Default for SequenceStats {
     fn default() -> Self {
         let histograms = QUANTITIES.iter().map(|_| Histogram::continuous()).collect();
         Self { histograms, frames: 0, of_fingers: false, curves: Vec::new() }
     }
 }
 
-impl Sequences {
-    /// Counts a sequence of a split; `shown` if its forces are to be drawn.
-    pub fn count(&mut self, split: Split, label: &SequenceLabel, shown: bool) {
+impl SequenceStats {
+    /// Counts a sequence of a split. If `shown`, its forces are kept for drawing.
+    pub fn count_sequence(&mut self, split: Split, label: &SequenceLabel, shown: bool) {
         self.frames += label.frames.len() as u64;
         let (common, sequence) = (&label.common, &label.common.sequence);
-        let course = Course {
+        let course = PadCourse {
             index: common.header.index,
             class: &common.header.object.class,
             finger: None,
@@ -142,12 +142,13 @@ impl Sequences {
         self.count_course(split, &course, sequence.friction_coefficient, shown);
     }
 
-    /// The same of a sequence of a gripper.
+    /// Counts a gripper's sequence of a split: each pad is a course of its own. If `shown`, both pads' forces are kept
+    /// for drawing.
     pub fn count_grip(&mut self, split: Split, label: &GripSequenceLabel, shown: bool) {
         self.frames += label.frames.len() as u64;
         self.of_fingers = true;
         let sequence = &label.sequence;
-        let left = Course {
+        let left = PadCourse {
             index: label.header.index,
             class: &label.header.object.class,
             finger: Some("left"),
@@ -156,7 +157,7 @@ impl Sequences {
             gross_slip_s: sequence.gross_slip_s,
             frames: label.frames.iter().map(|frame| &frame.left).collect(),
         };
-        let right = Course {
+        let right = PadCourse {
             finger: Some("right"),
             friction_coefficient: None,
             first_slip_s: None,
@@ -169,19 +170,19 @@ impl Sequences {
         }
     }
 
-    fn count_course(&mut self, split: Split, course: &Course, friction_coefficient: Option<f64>, shown: bool) {
+    fn count_course(&mut self, split: Split, course: &PadCourse, friction_coefficient: Option<f64>, shown: bool) {
         for (quantity, histogram) in QUANTITIES.iter().zip(&mut self.histograms) {
-            if let Some(value) = (quantity.of)(course).filter(|value| value.is_finite()) {
-                histogram.count(split, value);
+            if let Some(value) = (quantity.value_of)(course).filter(|value| value.is_finite()) {
+                histogram.count_value(split, value);
             }
         }
         if shown {
             let point = |frame: &&FrameLabel| {
                 let normal_n = -frame.wrench.force_n[2];
-                Point {
+                CurvePoint {
                     t_s: frame.t_s,
                     normal_n,
-                    tangential_n: tangential(frame),
+                    tangential_n: tangential_force(frame),
                     limit_n: friction_coefficient.map(|coefficient| coefficient * normal_n),
                     slip: frame.slip.state,
                 }
@@ -189,11 +190,11 @@ impl Sequences {
             let finger = course.finger.map_or(String::new(), |finger| format!(", {finger}"));
             let title = format!("{} #{}{finger}", course.class, course.index);
             let points = course.frames.iter().map(point).collect();
-            self.curves.push(Curve { index: course.index, title, points });
+            self.curves.push(ForceCurve { index: course.index, title, points });
         }
     }
 
-    /// Adds those of other shards.
+    /// Adds the sums of other shards.
     pub fn merge(&mut self, other: Self) {
         self.histograms.iter_mut().zip(other.histograms).for_each(|(sum, more)| sum.merge(more));
         self.frames += other.frames;

@@ -1,4 +1,4 @@
-//! How far a sample is from the reference's, and means of that over samples.
+//! Errors of a sample against the reference's, and their means over samples.
 
 use serde::Serialize;
 
@@ -8,30 +8,30 @@ use gelsim_job::sample::Sample;
 
 /// Errors of one sample.
 #[derive(Clone, Copy, Debug)]
-pub struct Errors {
+pub struct SampleErrors {
     surface: surface::SurfaceError,
     image_mae: f64,
     /// Mean squared difference, grey levels squared.
     image_square: f64,
     image_ssim: f64,
-    /// Fraction of the reference's contact area and force; None where the reference has none or the model knows none.
+    /// Relative errors of contact area and force; None if the reference has none or the model does not compute it.
     area: Option<f64>,
     force: Option<f64>,
-    /// What the reference's own theory is expected to be off by within 2 mm of the contact, um: largest; and as a root mean
-    /// square over the view. None where it is not known.
+    /// Error that the reference's own theory is expected to have, um: the largest within 2 mm of the contact, and the
+    /// root mean square over the view. None if it is not known.
     model_um: Option<f64>,
     model_rms_um: Option<f64>,
-    /// None where neither touches.
+    /// Intersection over union of the contact masks; None if neither touches.
     contact_iou: Option<f64>,
 }
 
-impl Errors {
+impl SampleErrors {
     /// Compares a sample with the reference's.
     pub fn new(sample: &Sample, exact: &Sample) -> Self {
         let (image, exact_image) = (&sample.impression.image, &exact.impression.image);
         let fraction = |own: f64, exact: f64| (exact > 0.0).then(|| (own - exact).abs() / exact);
         let (contact, exact_contact) = (&sample.label.contact, &exact.label.contact);
-        let surface = surface::compare(
+        let surface = surface::compare_surfaces(
             &sample.impression.contact.surface,
             &exact.impression.contact.surface,
             &exact.impression.contact.mask,
@@ -54,32 +54,32 @@ impl Errors {
     }
 }
 
-/// Errors over several samples: root mean squares are taken over all of their pixels, maxima over all, the rest are
+/// Errors over several samples. Root mean squares are taken over all their pixels, maxima over all pixels; the rest are
 /// means over the samples that have the figure.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Mean {
+pub struct MeanErrors {
     /// Height error over the view, um, root mean square.
     pub height_rms_um: f64,
     /// Largest height error, um.
     pub height_max_um: f64,
-    /// What the theory of the reference itself is expected to be off by, um: the largest error within 2 mm of the contact,
-    /// mean over the samples of which it is known.
+    /// Error that the reference's own theory is expected to have, um: the largest within 2 mm of the contact, mean over
+    /// the samples for which it is known.
     pub model_error_um: f64,
-    /// The same as a root mean square over the view.
+    /// Root mean square of that error over the view, um.
     pub model_rms_um: f64,
     /// Both together over the view: root of the sum of the squares of `height_rms_um` and `model_rms_um`.
     pub total_rms_um: f64,
     /// Angle between the normals in the contact and within 2 mm around it, degrees: mean.
     pub normal_mean_deg: f64,
-    /// 95th percentile.
+    /// Angle between these normals, degrees: 95th percentile.
     pub normal_p95_deg: f64,
-    /// Inside the contact.
+    /// Angle between the normals inside the contact, degrees: mean.
     pub contact_normal_mean_deg: f64,
-    /// Inside the contact.
+    /// Angle between the normals inside the contact, degrees: 95th percentile.
     pub contact_normal_p95_deg: f64,
-    /// Within 2 mm outside the contact.
+    /// Angle between the normals within 2 mm outside the contact, degrees: mean.
     pub ring_normal_mean_deg: f64,
-    /// Within 2 mm outside the contact.
+    /// Angle between the normals within 2 mm outside the contact, degrees: 95th percentile.
     pub ring_normal_p95_deg: f64,
     /// Mean absolute difference of the images, grey levels.
     pub image_mae: f64,
@@ -93,14 +93,14 @@ pub struct Mean {
     pub force_error_percent: Option<f64>,
     /// Intersection over union of the contact mask and the reference's.
     pub contact_iou_mean: Option<f64>,
-    /// The smallest of all samples.
+    /// Smallest intersection over union of all samples.
     pub contact_iou_worst: Option<f64>,
 }
 
-impl Mean {
-    /// Over some samples.
-    pub fn over<'a>(errors: impl Iterator<Item = &'a Errors> + Clone) -> Self {
-        let some = |of: &dyn Fn(&Errors) -> Option<f64>| {
+impl MeanErrors {
+    /// Computes the means over some samples.
+    pub fn from_errors<'a>(errors: impl Iterator<Item = &'a SampleErrors> + Clone) -> Self {
+        let some = |of: &dyn Fn(&SampleErrors) -> Option<f64>| {
             let (mut sum, mut count) = (0.0, 0.0);
             for value in errors.clone().filter_map(of) {
                 sum += value;
@@ -108,8 +108,8 @@ impl Mean {
             }
             (count > 0.0).then(|| sum / count)
         };
-        let all = |of: &dyn Fn(&Errors) -> f64| some(&|error| Some(of(error))).unwrap_or(0.0);
-        let known = |of: &dyn Fn(&Errors) -> Option<f64>| some(of).unwrap_or(0.0);
+        let all = |of: &dyn Fn(&SampleErrors) -> f64| some(&|error| Some(of(error))).unwrap_or(0.0);
+        let known = |of: &dyn Fn(&SampleErrors) -> Option<f64>| some(of).unwrap_or(0.0);
         let square = all(&|error| error.image_square);
         let height_square = all(&|error| error.surface.height_rms_um * error.surface.height_rms_um);
         let model_square = known(&|error| Some(error.model_rms_um? * error.model_rms_um?));

@@ -1,8 +1,8 @@
-//! What accuracy costs in time: the fidelity levels compared on a job's own samples.
+//! What accuracy costs in time: compares the fidelity levels on a job's own samples.
 //!
-//! Every fidelity level renders the same samples; its surfaces, images, areas and forces are compared with the reference
-//! level's, and its CPU time is taken on one thread. Further studies say how far the reference itself can be trusted (a
-//! grid twice as fine, solver tolerances), and what other models and leaving out an effect would do.
+//! Every fidelity level renders the same samples. Its surfaces, images, areas and forces are compared with those of the
+//! reference level, and its CPU time is measured on one thread. Further studies show how far the reference itself can
+//! be trusted (a grid twice as fine, solver tolerances), and what other models and leaving out an effect would change.
 
 use std::sync::Arc;
 
@@ -16,12 +16,12 @@ use gelsim_core::base::grid::Grid;
 use gelsim_core::base::grid::Resolution;
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::base::view::View;
-use gelsim_core::depth::{self, Window};
+use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_core::effects::{Effect, EffectPolicy};
 use gelsim_core::fidelity::{Fidelity, Models};
 use gelsim_core::gelpad::elastic::Elastic;
 use gelsim_core::gelpad::gaussian::Gaussian;
-use gelsim_core::gelpad::none::NoDeformation;
+use gelsim_core::gelpad::no_deformation::NoDeformation;
 use gelsim_core::gelpad::{Contact, Model, Pad};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
@@ -35,12 +35,12 @@ pub mod report;
 pub mod sequences;
 pub mod strata;
 
-use errors::{Errors, Mean};
+use errors::{MeanErrors, SampleErrors};
 
-/// Samples of the studies beyond the fidelity levels.
-const STUDIED: u64 = 8;
+/// Number of samples for the studies besides the fidelity levels.
+const STUDY_SAMPLES: u64 = 8;
 
-/// Everything that was measured.
+/// All measurements.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Tradeoff {
     /// Name of the job.
@@ -49,46 +49,46 @@ pub struct Tradeoff {
     pub samples: Vec<u64>,
     /// The fidelity levels, from cheap to exact.
     #[serde(rename = "rungs")]
-    pub levels: Vec<Row>,
+    pub levels: Vec<LevelRow>,
     /// The fidelity levels for each object.
     pub objects: Vec<ObjectRows>,
     /// The reference level on grids of other sizes against one twice as fine as the camera's.
     pub grids: Vec<GridRow>,
     /// The solver on the camera's grid at other tolerances.
-    pub tolerances: Vec<Row>,
-    /// Models of the gelpad that are no fidelity level.
-    pub models: Vec<Row>,
-    /// Each effect left out of the reference.
-    pub left_out: Vec<LeftOut>,
+    pub tolerances: Vec<LevelRow>,
+    /// Gelpad models that are no fidelity level.
+    pub models: Vec<LevelRow>,
+    /// The reference with one effect left out, for each effect.
+    pub left_out: Vec<EffectAblation>,
 }
 
 /// A choice of models, its errors against the reference level, and its cost.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Row {
-    /// Fidelity, or what was changed.
+pub struct LevelRow {
+    /// Name of the fidelity level, or what was changed.
     #[serde(rename = "rung")]
     pub level: String,
     /// Errors over all samples.
     #[serde(flatten)]
-    pub errors: Mean,
-    /// CPU time of a sample without its files, ms: the median.
+    pub errors: MeanErrors,
+    /// CPU time of a sample without writing files, ms, median.
     pub cpu_ms_median: f64,
-    /// Its 95th percentile.
+    /// CPU time of a sample, ms, 95th percentile.
     pub cpu_ms_p95: f64,
     /// Medians per stage, s; no files are encoded.
     pub seconds: Seconds,
-    /// No other row is both quicker and nearer to the reference's surface.
+    /// True if no other row is both quicker and closer to the reference's surface.
     pub pareto: bool,
 }
 
 /// The fidelity levels for one object.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ObjectRows {
-    /// Its name.
+    /// Name of the object.
     pub object: String,
     /// The fidelity levels.
     #[serde(rename = "rungs")]
-    pub levels: Vec<Row>,
+    pub levels: Vec<LevelRow>,
 }
 
 /// The reference level on a grid of another size.
@@ -96,34 +96,34 @@ pub struct ObjectRows {
 pub struct GridRow {
     /// Pixels per pixel of the camera along x and y.
     pub per_px: f64,
-    /// Distance from the finest grid's surface over the view, um, root mean square and maximum.
+    /// Height error against the finest grid's surface over the view, um, root mean square.
     pub height_rms_um: f64,
-    /// See [`GridRow::height_rms_um`].
+    /// Largest height error against the finest grid's surface, um.
     pub height_max_um: f64,
-    /// The same within 2 mm outside the contact, root mean square.
+    /// Height error within 2 mm outside the contact, um, root mean square.
     pub ring_rms_um: f64,
 }
 
 /// The reference without one effect.
 #[derive(Clone, Debug, Serialize)]
-pub struct LeftOut {
+pub struct EffectAblation {
     /// Name of the effect.
     pub effect: String,
-    /// Samples that call for it, of those studied.
+    /// Number of studied samples in which the effect runs.
     pub samples: usize,
     /// Mean absolute difference of the images, grey levels.
     pub image_mae: f64,
     /// Largest difference, grey levels.
     pub image_max: u8,
-    /// CPU time that a sample takes longer with it, ms: the median; below 0 is noise.
+    /// CPU time by which a sample takes longer with the effect, ms, median; below 0 is noise.
     pub cpu_ms: f64,
 }
 
-/// Compares all fidelity levels on `count` samples of a job; `progress` hears what is being done.
-pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
-    let drawn = strata::drawn(plan);
+/// Compares all fidelity levels on `count` samples of a job. Calls `progress` with what is done next.
+pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
+    let drawn = strata::draw_samples(plan);
     let chosen = |count: u64| -> Vec<u64> {
-        strata::stratified(&drawn, count as usize).iter().map(|at| drawn[*at].index).collect()
+        strata::choose_stratified(&drawn, count as usize).iter().map(|at| drawn[*at].index).collect()
     };
     let samples = chosen(count);
     progress("reference");
@@ -132,34 +132,34 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     for level in Fidelity::ALL {
         progress(level.name());
         compared.push(match level {
-            Fidelity::Reference => reference.compared(level.name(), &reference),
-            _ => LevelMeasurement::new(&plan.with_fidelity(level), &samples).compared(level.name(), &reference),
+            Fidelity::Reference => reference.compare_with(level.name(), &reference),
+            _ => LevelMeasurement::new(&plan.with_fidelity(level), &samples).compare_with(level.name(), &reference),
         });
     }
     let everything: Vec<usize> = (0..samples.len()).collect();
-    let levels = rows(&compared, &everything);
+    let levels = build_rows(&compared, &everything);
     let objects = plan.sampling.objects.iter().filter_map(|object| {
         let of_object = |k: &usize| reference.samples[*k].label.header.object.id == object.id;
         let own: Vec<usize> = everything.iter().copied().filter(of_object).collect();
-        (!own.is_empty()).then(|| ObjectRows { object: object.id.clone(), levels: rows(&compared, &own) })
+        (!own.is_empty()).then(|| ObjectRows { object: object.id.clone(), levels: build_rows(&compared, &own) })
     });
     let objects = objects.collect();
 
-    let few = chosen(STUDIED.min(count));
+    let few = chosen(STUDY_SAMPLES.min(count));
     let exact = plan.with_fidelity(Fidelity::Reference);
     let exact_few = LevelMeasurement::new(&exact, &few);
     progress("other grids");
-    let grids = grids(&exact, &few);
+    let grids = compare_grids(&exact, &few);
     let study = |variants: Vec<(String, Model)>| {
         let measured: Vec<LevelComparison> = variants
             .into_iter()
             .map(|(name, gelpad)| {
                 progress(&name);
                 let models = Models { gelpad, optics: exact.simulator.models().optics.clone() };
-                LevelMeasurement::new(&exact.with_models(models), &few).compared(&name, &exact_few)
+                LevelMeasurement::new(&exact.with_models(models), &few).compare_with(&name, &exact_few)
             })
             .collect();
-        rows(&measured, &(0..few.len()).collect::<Vec<_>>())
+        build_rows(&measured, &(0..few.len()).collect::<Vec<_>>())
     };
     let friction = exact.simulator.models().gelpad.friction();
     let elastic =
@@ -178,11 +178,11 @@ pub fn tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
         (String::from("half grid, 0.1 um"), elastic(Resolution::Half, 0.1)),
     ]);
     progress("effects left out");
-    let left_out = left_out(&exact, &exact_few, &few);
+    let left_out = ablate_effects(&exact, &exact_few, &few);
     Tradeoff { job: plan.name().to_owned(), samples, levels, objects, grids, tolerances, models, left_out }
 }
 
-/// What a plan makes of some samples.
+/// Samples that a plan renders, and their times.
 struct LevelMeasurement {
     samples: Vec<Sample>,
     seconds: Vec<Seconds>,
@@ -193,11 +193,11 @@ impl LevelMeasurement {
         let (mut samples, mut seconds) = (Vec::new(), Vec::new());
         for index in indices {
             let mut sample = render(plan, *index);
-            // Large and compared by nobody.
+            // Large, and not needed for any comparison.
             (sample.impression.depth.penetration, sample.impression.contact.pressure) = (Grid::default(), None);
-            // The quicker of two runs: the first one may have found caches cold.
+            // The quicker of two runs: caches may be cold in the first one.
             let again = render(plan, *index).seconds;
-            // Nor is what is known of its sensor.
+            // A sample's own sensor is not needed either: share the plan's simulator instead.
             sample.simulator = Arc::clone(&plan.simulator);
             let first = sample.seconds;
             seconds.push(if again.simulation() < first.simulation() { again } else { first });
@@ -206,30 +206,30 @@ impl LevelMeasurement {
         Self { samples, seconds }
     }
 
-    fn compared(&self, name: &str, reference: &Self) -> LevelComparison {
+    fn compare_with(&self, name: &str, reference: &Self) -> LevelComparison {
         let pairs = self.samples.iter().zip(&reference.samples);
-        let errors = pairs.map(|(sample, exact)| Errors::new(sample, exact)).collect();
+        let errors = pairs.map(|(sample, exact)| SampleErrors::new(sample, exact)).collect();
         LevelComparison { name: name.to_owned(), errors, seconds: self.seconds.clone() }
     }
 }
 
-/// A choice of models against the reference, sample by sample.
+/// Errors of a choice of models against the reference, sample by sample.
 struct LevelComparison {
     name: String,
-    errors: Vec<Errors>,
+    errors: Vec<SampleErrors>,
     seconds: Vec<Seconds>,
 }
 
-/// One row for each, over the samples `chosen`.
-fn rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<Row> {
+/// Builds one row for each choice of models, over the samples `chosen`.
+fn build_rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<LevelRow> {
     let row = |compared: &LevelComparison| {
         let seconds: Vec<&Seconds> = chosen.iter().map(|k| &compared.seconds[*k]).collect();
         let ms = |of: &dyn Fn(&Seconds) -> f64| seconds.iter().map(|all| 1e3 * of(all)).collect::<Vec<f64>>();
         let middle = |of: &dyn Fn(&Seconds) -> f64| median(&ms(of)).unwrap_or(0.0) * 1e-3;
         let simulation_ms = ms(&Seconds::simulation);
-        Row {
+        LevelRow {
             level: compared.name.clone(),
-            errors: Mean::over(chosen.iter().map(|k| &compared.errors[*k])),
+            errors: MeanErrors::from_errors(chosen.iter().map(|k| &compared.errors[*k])),
             cpu_ms_median: median(&simulation_ms).unwrap_or(0.0),
             cpu_ms_p95: quantile(&simulation_ms, 0.95).unwrap_or(0.0),
             seconds: Seconds {
@@ -244,7 +244,7 @@ fn rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<Row> {
             pareto: false,
         }
     };
-    let mut rows: Vec<Row> = all.iter().map(row).collect();
+    let mut rows: Vec<LevelRow> = all.iter().map(row).collect();
     let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.cpu_ms_median, row.errors.height_rms_um)).collect();
     for (row, pareto) in rows.iter_mut().zip(pareto_front(&points)) {
         row.pareto = pareto;
@@ -253,15 +253,15 @@ fn rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<Row> {
 }
 
 /// Presses sample `index` into a pad seen by another camera.
-fn press(plan: &Plan, index: u64, camera: &View, pad: &Pad) -> Contact {
+fn press_sample(plan: &Plan, index: u64, camera: &View, pad: &Pad) -> Contact {
     let scene = Scene::draw(plan, index, 0);
-    let window = Window { above_mm: plan.thickness_mm(), ..pad.window(scene.deepest_mm()) };
-    pad.press(&depth::captured(&scene.indenter(plan), camera, window, plan.thickness_mm()))
+    let window = CaptureWindow { above_mm: plan.thickness_mm(), ..pad.capture_window(scene.deepest_mm()) };
+    pad.press(&depth::capture_indenter(&scene.indenter(plan), camera, window, plan.thickness_mm()))
 }
 
-/// The reference level on a grid half as fine as the camera's and on the camera's own, against one twice as fine. Every
-/// pixel's centre is one of the finest grid's, so that nothing is interpolated.
-fn grids(plan: &Plan, indices: &[u64]) -> Vec<GridRow> {
+/// Compares the reference level on a grid half as fine as the camera's, and on the camera's own, with one twice as
+/// fine. Every pixel's centre is also one of the finest grid's, so that nothing is interpolated.
+fn compare_grids(plan: &Plan, indices: &[u64]) -> Vec<GridRow> {
     let View { resolution_px: [width, height], mm_per_px } = *plan.simulator.view();
     let grid = |resolution_px, factor: f64| {
         let camera = View { resolution_px, mm_per_px: mm_per_px.map(|own| own * factor) };
@@ -269,34 +269,34 @@ fn grids(plan: &Plan, indices: &[u64]) -> Vec<GridRow> {
         (camera, pad)
     };
     let fine = grid([2 * width - 1, 2 * height - 1], 0.5);
-    let own = (1, grid([width, height], 1.0), Sums::default());
+    let own = (1, grid([width, height], 1.0), SquaredErrorSums::default());
     let mut compared = vec![own];
     if width >= 4 && height >= 4 {
-        compared.insert(0, (2, grid([width / 2, height / 2], 2.0), Sums::default()));
+        compared.insert(0, (2, grid([width / 2, height / 2], 2.0), SquaredErrorSums::default()));
     }
     for index in indices {
-        let exact = press(plan, *index, &fine.0, &fine.1);
+        let exact = press_sample(plan, *index, &fine.0, &fine.1);
         for (step, (camera, pad), sums) in &mut compared {
-            let found = press(plan, *index, camera, pad);
+            let found = press_sample(plan, *index, camera, pad);
             let squares = distance::squared_distance_mm2(&found.mask, camera.mm_per_px);
-            // Counted in pixels of the finest grid, whose middle is at (width - 1, height - 1).
+            // Place of a pixel on the finest grid, whose middle is at (width - 1, height - 1).
             let [columns, rows] = camera.resolution_px;
-            let there = |x: usize, count: usize, size: usize| *step * (2 * x + 1) + size - 1 - *step * count;
+            let fine_index = |x: usize, count: usize, size: usize| *step * (2 * x + 1) + size - 1 - *step * count;
             for y in 0..rows {
                 for x in 0..columns {
-                    let (column, row) = (there(x, columns, width), there(y, rows, height));
+                    let (column, row) = (fine_index(x, columns, width), fine_index(y, rows, height));
                     let exact = exact.surface.at(column + SURFACE_BORDER, row + SURFACE_BORDER);
                     sums.add(found.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER) - exact, squares.at(x, y));
                 }
             }
         }
     }
-    compared.iter().map(|(step, _, sums)| sums.row(1.0 / *step as f64)).collect()
+    compared.iter().map(|(step, _, sums)| sums.to_row(1.0 / *step as f64)).collect()
 }
 
-/// Sums of squared errors.
+/// Sums of squared errors over the view, and over the ring around the contact.
 #[derive(Default)]
-struct Sums {
+struct SquaredErrorSums {
     squares: f64,
     count: f64,
     max: f64,
@@ -304,7 +304,7 @@ struct Sums {
     ring_count: f64,
 }
 
-impl Sums {
+impl SquaredErrorSums {
     fn add(&mut self, error_mm: f32, distance2_mm2: f64) {
         let error = 1e3 * f64::from(error_mm).abs();
         self.squares += error * error;
@@ -316,7 +316,7 @@ impl Sums {
         }
     }
 
-    fn row(&self, per_px: f64) -> GridRow {
+    fn to_row(&self, per_px: f64) -> GridRow {
         GridRow {
             per_px,
             height_rms_um: (self.squares / self.count.max(1.0)).sqrt(),
@@ -326,8 +326,8 @@ impl Sums {
     }
 }
 
-/// The reference's images without each of the effects that it runs.
-fn left_out(plan: &Plan, reference: &LevelMeasurement, indices: &[u64]) -> Vec<LeftOut> {
+/// Compares the reference's images with those without each effect that it runs.
+fn ablate_effects(plan: &Plan, reference: &LevelMeasurement, indices: &[u64]) -> Vec<EffectAblation> {
     let ran = |effect: &Effect| reference.samples.iter().any(|sample| sample.label.effects[*effect].ran);
     let rows = Effect::ALL.into_iter().filter(ran).map(|effect| {
         let without = plan.with_policy(EffectPolicy::Without(effect));
@@ -338,14 +338,14 @@ fn left_out(plan: &Plan, reference: &LevelMeasurement, indices: &[u64]) -> Vec<L
             let (image, exact) = (&sample.impression.image.rgb, &exact.impression.image.rgb);
             image_mae += image::mae(image, exact) / indices.len() as f64;
             image_max = image.iter().zip(exact).map(|(a, b)| a.abs_diff(*b)).fold(image_max, u8::max);
-            // In turn, so that a machine that gets slower does so for both.
+            // Alternately, so that a machine that becomes slower does so for both.
             let [mut with, mut left_out] = [f64::INFINITY; 2];
             for _ in 0..2 {
                 (with, left_out) = (with.min(ms(plan, *index)), left_out.min(ms(&without, *index)));
             }
             saved.push(with - left_out);
         }
-        LeftOut {
+        EffectAblation {
             effect: effect.name().to_owned(),
             samples: reference.samples.iter().filter(|sample| sample.label.effects[effect].ran).count(),
             image_mae,

@@ -1,13 +1,13 @@
-//! The comparison as a table and as CSV.
+//! The comparison of fidelity levels as a table and as CSV.
 
 use std::fmt::Write;
 
-use super::{GridRow, Row, Tradeoff};
+use super::{GridRow, LevelRow, Tradeoff};
 use crate::text_table::TextTable;
 use gelsim_core::fidelity::Fidelity;
 
-/// Columns of the CSV: name and value; an empty value is one that is not known.
-fn columns(row: &Row) -> Vec<(&'static str, String)> {
+/// Columns of the CSV, as names and values; unknown values are empty.
+fn csv_columns(row: &LevelRow) -> Vec<(&'static str, String)> {
     let number = |value: f64| format!("{value:?}");
     let maybe = |value: Option<f64>| value.map_or(String::new(), number);
     let errors = &row.errors;
@@ -43,11 +43,11 @@ fn columns(row: &Row) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// One line per fidelity level over all samples, under a line of names.
-pub fn csv(tradeoff: &Tradeoff) -> String {
+/// Writes one line per fidelity level over all samples, under a line of names.
+pub fn to_csv(tradeoff: &Tradeoff) -> String {
     let mut text = String::new();
     for (k, row) in tradeoff.levels.iter().enumerate() {
-        let (names, values): (Vec<_>, Vec<_>) = columns(row).into_iter().unzip();
+        let (names, values): (Vec<_>, Vec<_>) = csv_columns(row).into_iter().unzip();
         if k == 0 {
             text += &(names.join(",") + "\n");
         }
@@ -56,14 +56,14 @@ pub fn csv(tradeoff: &Tradeoff) -> String {
     text
 }
 
-/// The fidelity levels and the studies for a terminal of so many columns.
-pub fn table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
+/// Formats the fidelity levels and the studies for a terminal of `columns`.
+pub fn to_text_table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
     let mut text = format!(
         "{}: {} samples; errors against the reference level, CPU time on one thread, files not counted\n\n",
         tradeoff.job,
         tradeoff.samples.len()
     );
-    text += &rows("fidelity level", &tradeoff.levels, columns);
+    text += &format_rows("fidelity level", &tradeoff.levels, columns);
     let reference = tradeoff.levels.iter().find(|row| row.level == Fidelity::Reference.name());
     for grid in &tradeoff.grids {
         let what = if grid.per_px == 1.0 { "the reference itself" } else { "a grid half as fine" };
@@ -78,11 +78,11 @@ pub fn table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
     if reference.is_some() {
         text += "\n";
     }
-    text += &rows("solver tolerance", &tradeoff.tolerances, columns);
-    text += &rows("other models", &tradeoff.models, columns);
+    text += &format_rows("solver tolerance", &tradeoff.tolerances, columns);
+    text += &format_rows("other models", &tradeoff.models, columns);
     let mut left_out = TextTable::new(&[["effect left out", "samples", "image MAE", "image max", "CPU ms"]]);
     for effect in &tradeoff.left_out {
-        left_out.row([
+        left_out.add_row([
             effect.effect.to_string(),
             effect.samples.to_string(),
             format!("{:.3}", effect.image_mae),
@@ -93,7 +93,8 @@ pub fn table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
     text + &left_out.render(columns)
 }
 
-fn rows(name: &str, rows: &[Row], columns: Option<usize>) -> String {
+/// Formats a table of choices of models.
+fn format_rows(name: &str, rows: &[LevelRow], columns: Option<usize>) -> String {
     let mut table = TextTable::new(&[
         [
             name, "height", "height", "model", "total", "contact", "ring", "ring", "image", "image", "image", "area",
@@ -109,7 +110,7 @@ fn rows(name: &str, rows: &[Row], columns: Option<usize>) -> String {
         let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
         let share = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.4}"));
         let [two, three] = [2, 3].map(|digits| move |value: f64| format!("{value:.digits$}"));
-        table.row([
+        table.add_row([
             row.level.clone(),
             three(errors.height_rms_um),
             two(errors.height_max_um),

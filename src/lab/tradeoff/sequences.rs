@@ -1,5 +1,5 @@
-//! What a level of fidelity costs in a job of sequences: force, slip and the pad's motion against the level `reference`
-//! at four times the frame rate, and time.
+//! What a fidelity level costs in a job of sequences: errors of force, slip and the pad's motion against the level
+//! `reference` at four times the frame rate, and CPU time.
 
 use crate::text_table::TextTable;
 use std::convert::Infallible;
@@ -7,67 +7,67 @@ use std::convert::Infallible;
 use maud::Markup;
 use serde::Serialize;
 
-use crate::page::canvas::{Align, Colour, Shape};
-use crate::page::plot::{BLACK, Plot, TEXT};
+use crate::page::canvas::{Colour, Shape, TextAlign};
+use crate::page::plot::{BLACK, Plot, TEXT_STYLE};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_job::plan::Plan;
 use gelsim_job::sequence::label::{SequenceInfo, SequenceLabel};
 use gelsim_job::sequence::motion;
 use gelsim_job::sequence::render;
 
-/// How much finer in time the reference is.
-const FINER: u64 = 4;
+/// Factor of the reference's frame rate.
+const TIME_REFINEMENT: u64 = 4;
 
-/// Frames of a sequence in which motion is compared, at most.
-const MOST_FRAMES: usize = 24;
+/// Most frames of a sequence in which motion is compared.
+const MAX_FRAMES: usize = 24;
 
-/// A level against the reference, over all sequences.
+/// Errors of a level against the reference, over all sequences.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    /// Its name.
+pub struct SequenceLevelRow {
+    /// Name of the level.
     pub level: &'static str,
-    /// Force, root mean square over frames, percent of the largest force of its sequence.
+    /// Error of the force, root mean square over frames, percent of the sequence's largest force.
     pub force_percent: f64,
-    /// The largest of a frame.
+    /// Largest error of the force in a frame, percent.
     pub force_max_percent: f64,
-    /// Onset of slip, mean distance, ms; none if no sequence slips.
+    /// Error of the onset of slip, mean, ms; none if no sequence slips.
     pub slip_ms: Option<f64>,
-    /// Onset of gross slip, mean distance, ms; none if no sequence slips as a whole.
+    /// Error of the onset of gross slip, mean, ms; none if no sequence has gross slip.
     pub gross_slip_ms: Option<f64>,
-    /// Sequences in which one slips and the other does not.
+    /// Number of onsets, of slip and of gross slip, that only one of level and reference has.
     pub slips_differently: u64,
-    /// Motion of the pad in its plane, root mean square over pixels and frames, um.
+    /// Error of the pad's motion in its plane, root mean square over pixels and frames, um.
     pub flow_um: f64,
-    /// The largest, um.
+    /// Largest error of that motion, um.
     pub flow_max_um: f64,
-    /// CPU time of a frame without files, one thread, ms.
+    /// CPU time of a frame on one thread, without writing files, ms.
     pub frame_ms: f64,
 }
 
 /// All levels on some sequences of a job.
 #[derive(Clone, Debug, Serialize)]
 pub struct SequenceTradeoff {
-    /// The job's name.
+    /// Name of the job.
     pub name: String,
-    /// Frames a second of the job.
+    /// Frame rate of the job, Hz.
     pub frame_rate_hz: f64,
-    /// Sequences that were rendered.
+    /// Number of sequences that were rendered.
     pub sequences: u64,
-    /// Their frames.
+    /// Number of their frames.
     pub frames: u64,
-    /// The levels, the cheapest first.
-    pub rows: Vec<Row>,
+    /// Levels, the cheapest first.
+    pub rows: Vec<SequenceLevelRow>,
 }
 
-/// What is compared of one sequence.
-struct Seen {
+/// What is compared of a rendered sequence.
+struct RenderedSequence {
     label: SequenceLabel,
-    /// Of some frames: their numbers, and the motion of every pixel, mm.
+    /// For some frames: number, and in-plane motion of every pixel, mm.
     flows: Vec<(usize, Vec<[f32; 2]>)>,
     seconds: f64,
 }
 
-fn see(plan: &Plan, index: u64, wanted: impl Fn(usize) -> bool) -> Seen {
+fn render_sequence(plan: &Plan, index: u64, wanted: impl Fn(usize) -> bool) -> RenderedSequence {
     let mut flows = Vec::new();
     let Ok(done) = render(plan, index, 0, |sample, number| {
         if wanted(number as usize) {
@@ -75,47 +75,48 @@ fn see(plan: &Plan, index: u64, wanted: impl Fn(usize) -> bool) -> Seen {
         }
         Ok::<(), Infallible>(())
     });
-    Seen { label: done.label, flows, seconds: done.seconds.simulation() }
+    RenderedSequence { label: done.label, flows, seconds: done.seconds.simulation() }
 }
 
-/// Renders `count` sequences of a plan at every level that knows tractions; `heard` is told what is under way.
-pub fn tradeoff(plan: &Plan, count: u64, mut heard: impl FnMut(&str)) -> SequenceTradeoff {
-    let count = count.min(plan.layout.samples());
+/// Renders `count` sequences of a plan at every level that computes tractions. Calls `heard` with what is done next.
+pub fn measure_sequence_tradeoff(plan: &Plan, count: u64, mut heard: impl FnMut(&str)) -> SequenceTradeoff {
+    let count = count.min(plan.layout.sample_count());
     let of_level = |level: Fidelity| plan.with_fidelity(level).with_flow();
     let levels = [Fidelity::Draft, Fidelity::Standard, Fidelity::High, Fidelity::Reference];
     let plans: Vec<(Fidelity, Plan)> = levels.into_iter().map(|level| (level, of_level(level))).collect();
-    let truth = of_level(Fidelity::Reference).with_frame_rate(FINER as f64);
-    let mut sums: Vec<Sums> = levels.iter().map(|_| Sums::default()).collect();
+    let truth = of_level(Fidelity::Reference).with_frame_rate(TIME_REFINEMENT as f64);
+    let mut sums: Vec<SequenceErrorSums> = levels.iter().map(|_| SequenceErrorSums::default()).collect();
     let mut frames = 0;
     for number in 0..count {
-        // From all over the job.
-        let index = number * plan.layout.samples() / count;
-        heard(&format!("sequence {} of {count}, reference at {FINER} times the frame rate", number + 1));
-        // First how many frames there are, then those to compare.
-        let first = see(&plans[0].1, index, |_| false).label;
+        // Evenly from the whole job.
+        let index = number * plan.layout.sample_count() / count;
+        heard(&format!("sequence {} of {count}, reference at {TIME_REFINEMENT} times the frame rate", number + 1));
+        // A first run without motion finds the number of frames, from which those to compare are chosen.
+        let first = render_sequence(&plans[0].1, index, |_| false).label;
         let total = first.frames.len();
         let SequenceInfo { frame_rate_hz, phases, .. } = &first.common.sequence;
         let duration_s: f64 = phases.iter().map(|phase| phase.duration_s).sum();
-        let fine_total = motion::frames(duration_s, FINER as f64 * frame_rate_hz) as usize;
-        let stride = total.div_ceil(MOST_FRAMES).max(1);
+        let fine_total = motion::count_frames(duration_s, TIME_REFINEMENT as f64 * frame_rate_hz) as usize;
+        let stride = total.div_ceil(MAX_FRAMES).max(1);
         let chosen = |frame: usize| frame % stride == stride - 1 || frame + 1 == total;
         let fine = |frame: usize| {
-            frame + 1 == fine_total || (frame + 1).is_multiple_of(FINER as usize) && chosen(frame / FINER as usize)
+            frame + 1 == fine_total
+                || (frame + 1).is_multiple_of(TIME_REFINEMENT as usize) && chosen(frame / TIME_REFINEMENT as usize)
         };
-        let reference = see(&truth, index, fine);
+        let reference = render_sequence(&truth, index, fine);
         frames += total as u64;
         for ((level, plan), sums) in plans.iter().zip(&mut sums) {
             heard(&format!("sequence {} of {count}, {}", number + 1, level.name()));
-            sums.add(&see(plan, index, chosen), &reference);
+            sums.add(&render_sequence(plan, index, chosen), &reference);
         }
     }
-    let rows = plans.iter().zip(sums).map(|((level, _), sums)| sums.row(level.name())).collect();
+    let rows = plans.iter().zip(sums).map(|((level, _), sums)| sums.to_row(level.name())).collect();
     let frame_rate_hz = plan.job().sequence.as_ref().map_or(0.0, |sequence| sequence.frame_rate_hz);
     SequenceTradeoff { name: plan.name().to_owned(), frame_rate_hz, sequences: count, frames, rows }
 }
 
 #[derive(Default)]
-struct Sums {
+struct SequenceErrorSums {
     force: f64,
     force_max: f64,
     frames: u64,
@@ -128,12 +129,12 @@ struct Sums {
     seconds: f64,
 }
 
-impl Sums {
-    fn add(&mut self, seen: &Seen, reference: &Seen) {
+impl SequenceErrorSums {
+    fn add(&mut self, seen: &RenderedSequence, reference: &RenderedSequence) {
         let force =
             |label: &SequenceLabel, frame: usize| label.frames[frame.min(label.frames.len() - 1)].wrench.force_n;
         let size = |force: [f64; 3]| force.iter().map(|part| part * part).sum::<f64>();
-        let finer = |frame: usize| FINER as usize * (frame + 1) - 1;
+        let finer = |frame: usize| TIME_REFINEMENT as usize * (frame + 1) - 1;
         let largest = (0..reference.label.frames.len()).map(|k| size(force(&reference.label, k))).fold(1e-12, f64::max);
         for frame in 0..seen.label.frames.len() {
             let (a, b) = (force(&seen.label, frame), force(&reference.label, finer(frame)));
@@ -154,7 +155,7 @@ impl Sums {
         onset(own.first_slip_s, truth.first_slip_s, |sums| &mut sums.slip);
         onset(own.gross_slip_s, truth.gross_slip_s, |sums| &mut sums.gross);
         for (frame, flow) in &seen.flows {
-            // The last frame takes all that is left, in the reference, too.
+            // The last frame ends the sequence in both, also where it is no multiple of the frame time.
             let at = finer(*frame);
             let found = reference.flows.iter().find(|(number, _)| *number == at).or(reference.flows.last());
             for (a, b) in flow.iter().zip(found.into_iter().flat_map(|(_, flow)| flow)) {
@@ -167,10 +168,10 @@ impl Sums {
         self.seconds += seen.seconds;
     }
 
-    fn row(&self, level: &'static str) -> Row {
+    fn to_row(&self, level: &'static str) -> SequenceLevelRow {
         let mean = |(sum, count): (f64, u64)| (count > 0).then(|| sum / count as f64);
         let root = |sum: f64, count: u64| libm::sqrt(sum / count.max(1) as f64);
-        Row {
+        SequenceLevelRow {
             level,
             force_percent: 100.0 * root(self.force, self.frames),
             force_max_percent: 100.0 * libm::sqrt(self.force_max),
@@ -184,7 +185,7 @@ impl Sums {
     }
 }
 
-const HEAD: [&str; 9] = [
+const TABLE_HEAD: [&str; 9] = [
     "level",
     "force_percent",
     "force_max_percent",
@@ -196,7 +197,7 @@ const HEAD: [&str; 9] = [
     "frame_ms",
 ];
 
-fn cells(row: &Row) -> [String; 9] {
+fn row_cells(row: &SequenceLevelRow) -> [String; 9] {
     let some = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.1}"));
     [
         row.level.to_owned(),
@@ -212,11 +213,11 @@ fn cells(row: &Row) -> [String; 9] {
 }
 
 impl SequenceTradeoff {
-    /// For people, on a terminal of so many columns.
-    pub fn table(&self, columns: Option<usize>) -> String {
+    /// Formats a table for a terminal of `columns`.
+    pub fn to_text_table(&self, columns: Option<usize>) -> String {
         let (sequences, frames, rate) = (self.sequences, self.frames, self.frame_rate_hz);
         let mut text = format!(
-            "{}: {sequences} sequences of {frames} frames at {rate} Hz; errors against reference at {FINER} times the frame rate, \
+            "{}: {sequences} sequences of {frames} frames at {rate} Hz; errors against reference at {TIME_REFINEMENT} times the frame rate, \
              CPU time on one thread, files not counted\n\n",
             self.name
         );
@@ -224,29 +225,29 @@ impl SequenceTradeoff {
             ["level", "force", "largest", "slip", "gross", "other", "flow", "flow", "CPU ms"],
             ["", "RMS %", "%", "off ms", "off ms", "slip", "RMS um", "max um", "a frame"],
         ]);
-        self.rows.iter().for_each(|row| table.row(cells(row)));
+        self.rows.iter().for_each(|row| table.add_row(row_cells(row)));
         text += &table.render(columns);
         text
     }
 
-    /// For programs.
-    pub fn csv(&self) -> String {
-        let rows = self.rows.iter().map(|row| cells(row).join(",").replace('-', ""));
-        [HEAD.join(",")].into_iter().chain(rows).collect::<Vec<_>>().join("\n") + "\n"
+    /// Writes the rows as CSV, without the dash of unknown values.
+    pub fn to_csv(&self) -> String {
+        let rows = self.rows.iter().map(|row| row_cells(row).join(",").replace('-', ""));
+        [TABLE_HEAD.join(",")].into_iter().chain(rows).collect::<Vec<_>>().join("\n") + "\n"
     }
 
-    /// Error of the motion over time.
-    pub fn svg(&self) -> Markup {
+    /// Draws the error of the pad's motion over the CPU time.
+    pub fn to_svg(&self) -> Markup {
         const COLOUR: Colour = [0, 114, 178];
-        let most = |of: fn(&Row) -> f64| 1.15 * self.rows.iter().map(of).fold(0.0, f64::max);
+        let most = |of: fn(&SequenceLevelRow) -> f64| 1.15 * self.rows.iter().map(of).fold(0.0, f64::max);
         let ranges = [[0.0, most(|row| row.frame_ms)], [0.0, most(|row| row.flow_um)]];
         let title = format!("{}: motion of the pad, um RMS", self.name);
         let mut plot = Plot::new([520.0, 340.0], &title, ["CPU ms a frame", ""], ranges);
         for row in &self.rows {
-            let at = plot.place([row.frame_ms, row.flow_um]);
-            plot.canvas.mark(Shape::Circle, at, 5.0, COLOUR, BLACK);
-            plot.canvas.text([at[0] + 8.0, at[1] - 6.0], row.level, TEXT, Align::Left);
+            let at = plot.to_canvas([row.frame_ms, row.flow_um]);
+            plot.canvas.draw_mark(Shape::Circle, at, 5.0, COLOUR, BLACK);
+            plot.canvas.draw_text([at[0] + 8.0, at[1] - 6.0], row.level, TEXT_STYLE, TextAlign::Left);
         }
-        plot.svg()
+        plot.to_svg()
     }
 }

@@ -1,57 +1,59 @@
-//! Which of a job's samples stand for all of them: every object, pressed gently and deep.
+//! Chooses samples that represent a job: every object, pressed gently and deep.
 
 use gelsim_job::plan::Plan;
-use gelsim_job::scene::{Pressed, Scene};
+use gelsim_job::scene::{PressSource, Scene};
 
-/// What decides how far apart fidelity levels are on a sample, as it is drawn for the first time.
+/// What decides how much fidelity levels differ on a sample, from its first draw.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Drawn {
-    /// The sample's number.
+pub struct DrawnSample {
+    /// Number of the sample.
     pub index: u64,
-    /// The object's number in the plan.
+    /// Number of the object in the plan.
     pub object: usize,
     /// Indentation depth, mm; 0 without contact.
     pub depth_mm: f64,
 }
 
-/// Samples of a larger job that are looked at.
-const MOST: u64 = 4096;
+/// Most samples of a job that are drawn.
+const MAX_SAMPLES: u64 = 4096;
 
-/// The samples of a plan; of more than 4096, so many spread over them.
-pub fn drawn(plan: &Plan) -> Vec<Drawn> {
+/// Draws the samples of a plan; of more than 4096, that many spread over them.
+pub fn draw_samples(plan: &Plan) -> Vec<DrawnSample> {
     let of = |index| {
-        let scene = Scene::draw(plan.of_sample(index, 0), index, 0);
+        let scene = Scene::draw(plan.for_sample(index, 0), index, 0);
         let object = match scene.pressed {
-            Pressed::Object(object) => object,
-            // Jobs draw objects only.
-            Pressed::Frame(_) => 0,
+            PressSource::Object(object) => object,
+            // Samples of a job press objects; only depth frames are pressed otherwise.
+            PressSource::Frame(_) => 0,
         };
-        Drawn { index, object, depth_mm: scene.deepest_mm() }
+        DrawnSample { index, object, depth_mm: scene.deepest_mm() }
     };
-    spread(plan.layout.samples(), MOST).into_iter().map(of).collect()
+    spread_samples(plan.layout.sample_count(), MAX_SAMPLES).into_iter().map(of).collect()
 }
 
-/// `count` numbers below `all`: one in each of `count` parts, by the golden ratio, so that objects that come in turn are
-/// not hit in step.
-pub fn spread(all: u64, count: u64) -> Vec<u64> {
+/// Returns `count` numbers below `all`: one in each of `count` equal parts. Offsets by the golden ratio avoid a fixed
+/// stride, which would hit the same object again and again where objects come in turn.
+pub fn spread_samples(all: u64, count: u64) -> Vec<u64> {
     let count = count.clamp(1, all.max(1));
     let start = |k: u64| (u128::from(k) * u128::from(all) / u128::from(count)) as u64;
-    (0..count).map(|k| start(k) + within(k, start(k + 1) - start(k))).collect()
+    (0..count).map(|k| start(k) + golden_ratio_offset(k, start(k + 1) - start(k))).collect()
 }
 
-/// A number below `count` that evens out from `k` to `k`.
-fn within(k: u64, count: u64) -> u64 {
+/// Returns a number below `count` that is evenly distributed over successive `k`.
+fn golden_ratio_offset(k: u64, count: u64) -> u64 {
     ((k as f64 * 0.618_033_988_749_894_9).fract() * count as f64) as u64
 }
 
-/// Places in `drawn` of `count` samples (of all, if there are fewer), in order: of each object its share, and at least one
-/// while there are enough; of an object, one from each of as many ranges of depth; and the deepest press of all.
-pub fn stratified(drawn: &[Drawn], count: usize) -> Vec<usize> {
-    let objects = by_depth(drawn);
+/// Chooses `count` samples (all, if there are fewer), as ascending places in `drawn`. Each object has its share, and at
+/// least one while there are enough. Its samples come from as many ranges of depth, and the deepest press of all is
+/// among them.
+pub fn choose_stratified(drawn: &[DrawnSample], count: usize) -> Vec<usize> {
+    let objects = sort_by_depth(drawn);
     let deepest = (0..drawn.len()).max_by(|a, b| drawn[*a].depth_mm.total_cmp(&drawn[*b].depth_mm).then(b.cmp(a)));
     let mut shares = vec![0_usize; objects.len()];
     for _ in 0..count.min(drawn.len()) {
-        // Sainte-Lague's divisors, and before them one for each object: the deepest's first, then by frequency.
+        // Sainte-Laguë's divisors; before them one sample for each object, first for that of the deepest press, then by
+        // frequency.
         let claim = |k: usize| {
             let all = objects[k].len();
             let first = objects[k].last().copied() == deepest;
@@ -69,24 +71,24 @@ pub fn stratified(drawn: &[Drawn], count: usize) -> Vec<usize> {
     for (k, (samples, share)) in objects.iter().zip(&shares).enumerate() {
         let start = |range: usize| range * samples.len() / share;
         for range in 0..*share {
-            let whole = start(range)..start(range + 1);
-            let at = whole.start + within((k + range) as u64, whole.len() as u64) as usize;
-            let holds_deepest = samples[whole.clone()].last().copied() == deepest;
-            chosen.push(if holds_deepest { samples[whole.end - 1] } else { samples[at] });
+            let depth_range = start(range)..start(range + 1);
+            let at = depth_range.start + golden_ratio_offset((k + range) as u64, depth_range.len() as u64) as usize;
+            let holds_deepest = samples[depth_range.clone()].last().copied() == deepest;
+            chosen.push(if holds_deepest { samples[depth_range.end - 1] } else { samples[at] });
         }
     }
     chosen.sort_unstable();
     chosen
 }
 
-/// The place in `drawn` of each object's deepest press.
-pub fn deepest_of_each(drawn: &[Drawn]) -> Vec<usize> {
-    by_depth(drawn).iter().filter_map(|samples| samples.last().copied()).collect()
+/// Returns the place in `drawn` of each object's deepest press.
+pub fn find_deepest_of_each(drawn: &[DrawnSample]) -> Vec<usize> {
+    sort_by_depth(drawn).iter().filter_map(|samples| samples.last().copied()).collect()
 }
 
-/// Places in `drawn` for each object that there is, from its gentlest press to its deepest; of the same depth, the first is
-/// the deepest.
-fn by_depth(drawn: &[Drawn]) -> Vec<Vec<usize>> {
+/// Groups places in `drawn` by object, each sorted from the gentlest press to the deepest. Of equally deep presses the
+/// first counts as the deepest.
+fn sort_by_depth(drawn: &[DrawnSample]) -> Vec<Vec<usize>> {
     let objects = drawn.iter().map(|sample| sample.object + 1).max().unwrap_or(0);
     let mut of = vec![Vec::new(); objects];
     for (at, sample) in drawn.iter().enumerate() {
@@ -108,9 +110,11 @@ mod tests {
     use super::*;
 
     /// Sample k of a job with objects in turn.
-    fn job(samples: u64, objects: usize) -> Vec<Drawn> {
-        let depth_mm = |index: u64| 0.1 + within(index, 1000) as f64 * 1e-3;
-        (0..samples).map(|index| Drawn { index, object: index as usize % objects, depth_mm: depth_mm(index) }).collect()
+    fn job(samples: u64, objects: usize) -> Vec<DrawnSample> {
+        let depth_mm = |index: u64| 0.1 + golden_ratio_offset(index, 1000) as f64 * 1e-3;
+        (0..samples)
+            .map(|index| DrawnSample { index, object: index as usize % objects, depth_mm: depth_mm(index) })
+            .collect()
     }
 
     proptest! {
@@ -119,20 +123,20 @@ mod tests {
             samples in 1_u64..300, objects in 1_usize..20, count in 1_usize..60,
         ) {
             let drawn = job(samples, objects);
-            let chosen = stratified(&drawn, count);
+            let chosen = choose_stratified(&drawn, count);
             prop_assert_eq!(chosen.len(), count.min(drawn.len()));
             prop_assert!(chosen.windows(2).all(|pair| pair[0] < pair[1]), "{:?}", chosen);
             let there: BTreeSet<usize> = drawn.iter().map(|sample| sample.object).collect();
             let seen: BTreeSet<usize> = chosen.iter().map(|at| drawn[*at].object).collect();
             prop_assert_eq!(seen.len(), there.len().min(count));
-            let deepest = |of: &mut dyn Iterator<Item = &Drawn>| of.map(|sample| sample.depth_mm).fold(0.0, f64::max);
+            let deepest = |of: &mut dyn Iterator<Item = &DrawnSample>| of.map(|sample| sample.depth_mm).fold(0.0, f64::max);
             let of_all = deepest(&mut drawn.iter());
             prop_assert_eq!(deepest(&mut chosen.iter().map(|at| &drawn[*at])), of_all);
         }
 
         #[test]
         fn numbers_are_spread_over_all(all in 1_u64..2_000_000_000, count in 1_u64..40) {
-            let found = spread(all, count);
+            let found = spread_samples(all, count);
             let count = count.min(all);
             prop_assert_eq!(found.len() as u64, count);
             for (part, index) in (0..count).zip(found) {
@@ -145,7 +149,7 @@ mod tests {
     fn of_an_object_depths_are_taken_from_every_range() {
         let drawn = job(400, 4);
         for object in 0..4 {
-            let chosen = stratified(&drawn, 16);
+            let chosen = choose_stratified(&drawn, 16);
             let mut depths: Vec<f64> =
                 chosen.iter().map(|at| &drawn[*at]).filter(|s| s.object == object).map(|s| s.depth_mm).collect();
             depths.sort_by(f64::total_cmp);
@@ -155,7 +159,7 @@ mod tests {
                 assert!((low - 0.02..high + 0.02).contains(depth), "{depth} in range {range} of object {object}");
             }
         }
-        let deepest = deepest_of_each(&drawn);
+        let deepest = find_deepest_of_each(&drawn);
         assert_eq!(deepest.len(), 4);
         for at in deepest {
             assert!(drawn.iter().all(|s| s.object != drawn[at].object || s.depth_mm <= drawn[at].depth_mm));
@@ -164,10 +168,10 @@ mod tests {
 
     #[test]
     fn frequent_objects_get_more() {
-        let drawn: Vec<Drawn> = (0..100)
-            .map(|index| Drawn { index, object: usize::from(index % 10 == 0), depth_mm: index as f64 })
+        let drawn: Vec<DrawnSample> = (0..100)
+            .map(|index| DrawnSample { index, object: usize::from(index % 10 == 0), depth_mm: index as f64 })
             .collect();
-        let rare = stratified(&drawn, 20).iter().filter(|at| drawn[**at].object == 1).count();
+        let rare = choose_stratified(&drawn, 20).iter().filter(|at| drawn[**at].object == 1).count();
         assert_eq!(rare, 2);
     }
 }

@@ -468,7 +468,7 @@ fn mistakes_in_coco_annotations_are_named() {
         ),
         (
             &|coco| coco["images"][0]["width"] = json!(640),
-            &["0.png is 16x12 px, and its annotations are for 640x12 px", "mend width and height"],
+            &["0.png is 16x12 px, and its annotations are for 640x12 px", "fix width and height"],
         ),
         (&|coco| coco["images"][0]["file_name"] = json!("/home/ann/0.png"), &["is not in the folder", "input.images"]),
         (

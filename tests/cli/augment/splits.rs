@@ -6,7 +6,7 @@ use super::{RECIPE, rows, sources, with_table};
 use crate::support::{Folder, edited};
 
 /// How many samples of each source are in each split of a table: real, photometric, twin, synthetic.
-fn counted(folder: &Folder, out: &str, split: &str) -> [usize; 4] {
+fn count_by_source(folder: &Folder, out: &str, split: &str) -> [usize; 4] {
     let rows = rows(&folder.read(&format!("{out}/labels.csv")));
     let of = sources(rows.iter().filter(|row| row["split"] == split).map(|row| row["source"].as_str()));
     ["real", "photometric", "twin", "synthetic"].map(|source| of.get(source).copied().unwrap_or(0))
@@ -24,8 +24,8 @@ fn copies_counterparts_and_synthetic_samples_are_for_training_alone_unless_their
     );
     folder.write("augment.toml", &recipe);
     let said = folder.succeed("augment augment.toml --out default");
-    assert_eq!(counted(&folder, "default", "train"), [18, 54, 18, 9]);
-    assert_eq!(counted(&folder, "default", "test"), [6, 0, 0, 0]);
+    assert_eq!(count_by_source(&folder, "default", "train"), [18, 54, 18, 9]);
+    assert_eq!(count_by_source(&folder, "default", "test"), [6, 0, 0, 0]);
     // It is said on the terminal, in the card, in augment.json and on the page.
     assert!(said.contains("\n  train: 18 real, 54 photometric, 18 twin, 9 synthetic\n  test: 6 real\n"), "{said}");
     let card = folder.read("default/README.md");
@@ -52,8 +52,8 @@ fn copies_counterparts_and_synthetic_samples_are_for_training_alone_unless_their
     );
     folder.write("augment.toml", both);
     folder.succeed("augment augment.toml --out said --quiet");
-    assert_eq!(counted(&folder, "said", "train"), [18, 54, 0, 0]);
-    assert_eq!(counted(&folder, "said", "test"), [6, 12, 6, 3]);
+    assert_eq!(count_by_source(&folder, "said", "train"), [18, 54, 0, 0]);
+    assert_eq!(count_by_source(&folder, "said", "test"), [6, 12, 6, 3]);
     // What a copy shows does not depend on who else gets one.
     for name in ["images/000000000-photometric-0-0.png", "images/000000000-photometric-1-1.png"] {
         assert_eq!(folder.read_bytes(&format!("default/{name}")), folder.read_bytes(&format!("said/{name}")));
@@ -91,13 +91,13 @@ fn where_no_split_is_for_training_it_is_said_and_the_way_out_is_one() {
     ];
     folder.write("augment.toml", edited(RECIPE, &told));
     folder.succeed("augment augment.toml --out larger --quiet");
-    assert_eq!(counted(&folder, "larger", "validation"), [18, 36, 0, 9]);
-    assert_eq!(counted(&folder, "larger", "test"), [6, 0, 0, 0]);
+    assert_eq!(count_by_source(&folder, "larger", "validation"), [18, 36, 0, 9]);
+    assert_eq!(count_by_source(&folder, "larger", "test"), [6, 0, 0, 0]);
     // The other way out: a name for it.
     folder.write("real/labels.csv", folder.read("real/labels.csv").replace(",validation,", ",Training,"));
     folder.write("augment.toml", RECIPE);
     folder.succeed("augment augment.toml --out named --quiet");
-    assert_eq!(counted(&folder, "named", "Training"), [18, 36, 0, 9]);
+    assert_eq!(count_by_source(&folder, "named", "Training"), [18, 36, 0, 9]);
 }
 
 #[test]

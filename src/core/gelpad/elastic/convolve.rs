@@ -1,43 +1,43 @@
 //! Convolution of images with a kernel that is even in x and in y, by Fourier transforms on a padded torus.
 //!
-//! Columns are transformed first, sixteen at a time (two real columns make one complex signal), then rows, eight at a
-//! time: forward, times the kernel's spectrum, and back, while they are in cache.
+//! Columns are transformed first, sixteen at a time (two real columns make one complex signal). Then rows are processed
+//! eight at a time while they are in cache: transformed, multiplied by the kernel's spectrum, and transformed back.
 
 use pulp::{Simd, WithSimd};
 
 use super::fft::{Fft, LANES, Signals, fast_length};
 use crate::base::grid::Grid;
-use crate::base::simd::{dispatch, transposed};
+use crate::base::simd::{dispatch_kernel, transpose_8x8};
 
-/// Transforms of every length that a torus may have.
+/// Transforms of all lengths that a torus may have.
 #[derive(Clone, Debug)]
-pub struct Lengths(Vec<Fft>);
+pub struct FftPlans(Vec<Fft>);
 
-impl Lengths {
-    /// Those that hold up to `longest` values.
+impl FftPlans {
+    /// Prepares transforms for up to `longest` values.
     pub fn new(longest: usize) -> Self {
         let end = fast_length(longest);
         let lengths = std::iter::successors(Some(fast_length(1)), |length| Some(fast_length(length + 1)));
         Self(lengths.take_while(|length| *length <= end).map(Fft::new).collect())
     }
 
-    /// The shortest that holds `len` values.
-    fn holding(&self, len: usize) -> &Fft {
+    /// Returns the shortest transform for at least `len` values.
+    fn plan_for(&self, len: usize) -> &Fft {
         &self.0[self.0.partition_point(|fft| fft.length() < len)]
     }
 }
 
 /// Memory that convolutions of any size share.
 #[derive(Clone, Debug, Default)]
-pub struct Buffers {
+pub struct ConvolutionBuffers {
     line: Signals,
-    /// Spectrum along y, not yet along x: for eight frequencies at a time, all columns.
-    half: Signals,
+    /// Spectrum along y, not yet along x: all columns for eight frequencies at a time.
+    half_spectrum: Signals,
 }
 
-/// From a source image to a target image that contains it.
+/// Position and sizes of a source image in a target image that contains it.
 #[derive(Clone, Copy, Debug)]
-pub struct Shape {
+pub struct ConvolutionShape {
     /// Width and height of the source, px.
     pub source: [usize; 2],
     /// Column and row of the target at which the source starts.
@@ -46,71 +46,87 @@ pub struct Shape {
     pub target: [usize; 2],
 }
 
-/// A kernel's spectrum on a torus: for eight frequencies along y at a time, all up to half the torus along x.
+/// A kernel's spectrum on a torus: for eight frequencies along y at a time, all frequencies along x up to half the
+/// torus.
 #[derive(Clone, Debug, Default)]
-pub struct Spectrum(Vec<[f32; LANES]>);
+pub struct KernelSpectrum(Vec<[f32; LANES]>);
 
 /// Convolutions of one shape.
-pub struct Torus<'a> {
-    shape: Shape,
+pub struct TorusConvolution<'a> {
+    shape: ConvolutionShape,
     x: &'a Fft,
     y: &'a Fft,
 }
 
-impl<'a> Torus<'a> {
-    /// A torus on which a kernel of `reach` px along x and y does not meet itself, with `spare` px more.
-    pub fn new(lengths: &'a Lengths, shape: Shape, reach: [usize; 2], spare: usize) -> Self {
+impl<'a> TorusConvolution<'a> {
+    /// Makes a torus on which a kernel that reaches `reach` px along x and y does not overlap itself, with `spare` px
+    /// more.
+    pub fn new(plans: &'a FftPlans, shape: ConvolutionShape, reach: [usize; 2], spare: usize) -> Self {
         let length = |k: usize| {
-            // Lags from source to target, ahead and behind. The kernel is even on the torus too: the longer of them must
+            // Lags from source to target, ahead and behind. The kernel is even on the torus too: the longer lag must
             // not meet its own mirror image.
             let ahead = shape.target[k] - 1 - shape.offset[k];
             let behind = shape.offset[k] + shape.source[k] - 1;
             let longest = ahead.max(behind);
-            lengths.holding((longest + longest.min(reach[k]) + 1).max(shape.target[k]) + spare)
+            plans.plan_for((longest + longest.min(reach[k]) + 1).max(shape.target[k]) + spare)
         };
         Self { shape, x: length(0), y: length(1) }
     }
 
-    /// Its width and height, px.
+    /// Returns width and height of the torus, px.
     pub fn size(&self) -> [usize; 2] {
         [self.x.length(), self.y.length()]
     }
 
-    /// Its pixels.
+    /// Returns the number of pixels of the torus.
     pub fn area(&self) -> usize {
         self.x.length() * self.y.length()
     }
 
-    /// Frequencies along x that are kept, from 0 up; the others are their mirror images.
-    fn columns(&self) -> usize {
+    /// Returns the number of frequencies along x that are kept, from 0 up; the others are their mirror images.
+    fn column_count(&self) -> usize {
         self.x.length() / 2 + 1
     }
 
-    /// Blocks of eight frequencies along y that are kept.
-    fn blocks(&self) -> usize {
+    /// Returns the number of blocks of eight frequencies along y that are kept.
+    fn block_count(&self) -> usize {
         (self.y.length() / 2 + 1).div_ceil(LANES)
     }
 
-    /// The spectrum of an even kernel: its values at lags from 0 px up along x and y, 0 beyond the last.
-    pub fn set_spectrum(&self, kernel: &Grid<f32>, buffers: &mut Buffers, spectrum: &mut Spectrum) {
-        dispatch(MakeSpectrum { torus: self, kernel, buffers, spectrum });
+    /// Computes the spectrum of an even kernel, given by its values at lags from 0 px up along x and y; beyond the last
+    /// it is 0.
+    pub fn set_spectrum(&self, kernel: &Grid<f32>, buffers: &mut ConvolutionBuffers, spectrum: &mut KernelSpectrum) {
+        dispatch_kernel(SpectrumKernel { torus: self, kernel, buffers, spectrum });
     }
 
-    /// `target = kernel * source`; the target is made as large as the shape says.
-    pub fn convolve(&self, spectrum: &Spectrum, source: &Grid<f32>, target: &mut Grid<f32>, buffers: &mut Buffers) {
+    /// Computes `target = kernel * source`; the target is resized to the shape.
+    pub fn convolve(
+        &self,
+        spectrum: &KernelSpectrum,
+        source: &Grid<f32>,
+        target: &mut Grid<f32>,
+        buffers: &mut ConvolutionBuffers,
+    ) {
         let [width, height] = self.shape.target;
         target.reshape(width, height);
-        dispatch(Convolve { torus: self, spectrum, source, target, buffers });
+        dispatch_kernel(ConvolveKernel { torus: self, spectrum, source, target, buffers });
     }
 
-    /// Turns the spectrum of a convolution into that of one that roughly undoes it: its reciprocal, no larger than 1e5 times
-    /// that of `softest`, and `1 / plateau` below the frequency `cutoff` (rad/mm).
-    pub fn invert(&self, spectrum: &mut Spectrum, mm_per_px: [f64; 2], cutoff: f64, plateau: f64, softest: f64) {
-        let [step_x, step_y] = self.steps(mm_per_px).map(|step| step as f32);
-        let norm = self.norm();
+    /// Turns the spectrum of a convolution into that of an approximate inverse: its reciprocal, no larger than 1e5
+    /// times that of `softest`, and `1 / plateau` below the frequency `cutoff` (rad/mm).
+    pub fn invert_spectrum(
+        &self,
+        spectrum: &mut KernelSpectrum,
+        mm_per_px: [f64; 2],
+        cutoff: f64,
+        plateau: f64,
+        softest: f64,
+    ) {
+        let [step_x, step_y] = self.frequency_steps(mm_per_px).map(|step| step as f32);
+        let norm = self.normalisation();
         let (stiffest, plateau) = (norm * (1e-5 * softest) as f32, norm * plateau.max(1e-5 * softest) as f32);
         let limit = (cutoff * cutoff) as f32;
-        for (block, row) in spectrum.0.chunks_exact_mut(self.columns()).enumerate() {
+        for (block, row) in spectrum.0.chunks_exact_mut(self.column_count()).enumerate() {
             for (x, lanes) in row.iter_mut().enumerate() {
                 let qx = x as f32 * step_x;
                 for (k, value) in lanes.iter_mut().enumerate() {
@@ -122,11 +138,17 @@ impl<'a> Torus<'a> {
         }
     }
 
-    /// Adds to a spectrum one that is known over the distance from frequency 0, rad/mm, and 0 from `end` on.
-    pub fn add(&self, spectrum: &mut Spectrum, mm_per_px: [f64; 2], end: f64, value: impl Fn(f64) -> f32) {
-        let [step_x, step_y] = self.steps(mm_per_px);
-        let norm = self.norm();
-        let columns = self.columns();
+    /// Adds a function of the distance from frequency 0, rad/mm, to a spectrum; from `end` on the function is 0.
+    pub fn add_to_spectrum(
+        &self,
+        spectrum: &mut KernelSpectrum,
+        mm_per_px: [f64; 2],
+        end: f64,
+        value: impl Fn(f64) -> f32,
+    ) {
+        let [step_x, step_y] = self.frequency_steps(mm_per_px);
+        let norm = self.normalisation();
+        let columns = self.column_count();
         let within = ((end / step_x) as usize + 1).min(columns);
         for y in (0..=self.y.length() / 2).take_while(|y| *y as f64 * step_y < end) {
             let qy = y as f64 * step_y;
@@ -137,13 +159,13 @@ impl<'a> Torus<'a> {
         }
     }
 
-    /// Multiplies a spectrum by a function of the phase from pixel to pixel, of that along x and of that along y.
-    pub fn scale(&self, spectrum: &mut Spectrum, factor: impl Fn(f64) -> f32) {
+    /// Multiplies a spectrum by a function of the phase step per pixel along x, and by that along y.
+    pub fn scale_spectrum(&self, spectrum: &mut KernelSpectrum, factor: impl Fn(f64) -> f32) {
         let factors = |length: usize| -> Vec<f32> {
             (0..length).map(|n| factor(std::f64::consts::TAU * n as f64 / length as f64)).collect()
         };
         let (along_x, along_y) = (factors(self.x.length()), factors(self.y.length()));
-        for (block, row) in spectrum.0.chunks_exact_mut(self.columns()).enumerate() {
+        for (block, row) in spectrum.0.chunks_exact_mut(self.column_count()).enumerate() {
             for (lanes, x) in row.iter_mut().zip(&along_x) {
                 for (value, y) in lanes.iter_mut().zip(along_y[block * LANES..].iter()) {
                     *value *= x * y;
@@ -152,19 +174,25 @@ impl<'a> Torus<'a> {
         }
     }
 
-    /// From one frequency to the next along x and y, rad/mm.
-    fn steps(&self, mm_per_px: [f64; 2]) -> [f64; 2] {
+    /// Returns the distance between frequencies along x and y, rad/mm.
+    fn frequency_steps(&self, mm_per_px: [f64; 2]) -> [f64; 2] {
         let [width, height] = self.size();
         [(width, mm_per_px[0]), (height, mm_per_px[1])].map(|(len, mm)| std::f64::consts::TAU / (len as f64 * mm))
     }
 
     #[inline(always)]
-    fn spectrum_with<S: Simd>(&self, simd: S, kernel: &Grid<f32>, buffers: &mut Buffers, spectrum: &mut Spectrum) {
+    fn set_spectrum_with<S: Simd>(
+        &self,
+        simd: S,
+        kernel: &Grid<f32>,
+        buffers: &mut ConvolutionBuffers,
+        spectrum: &mut KernelSpectrum,
+    ) {
         let [width, height] = self.size();
-        let (columns, blocks) = (self.columns(), self.blocks());
+        let (columns, blocks) = (self.column_count(), self.block_count());
         let wide = columns.next_multiple_of(2 * LANES);
-        // An even real signal has an even real spectrum: two of them make one complex signal and never mix.
-        let Buffers { line, half } = buffers;
+        // An even real signal has an even real spectrum: two of them make one complex signal without mixing.
+        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
         half.resize(blocks * wide);
         line.resize(height);
         for x in (0..columns).step_by(2 * LANES) {
@@ -184,30 +212,30 @@ impl<'a> Torus<'a> {
                 for (plane, x) in [(&line.re, x), (&line.im, x + LANES)] {
                     let mut rows = [[0.0; LANES]; LANES];
                     for (k, row) in rows.iter_mut().enumerate() {
-                        *row = lanes(plane, self.y.place((block * LANES + k) % height));
+                        *row = load_lanes(plane, self.y.frequency_index((block * LANES + k) % height));
                     }
                     half.re[(block * wide + x) * LANES..][..LANES * LANES]
-                        .copy_from_slice(transposed(simd, &rows).as_flattened());
+                        .copy_from_slice(transpose_8x8(simd, &rows).as_flattened());
                 }
             }
         }
         spectrum.0.resize(blocks * columns, [0.0; LANES]);
-        let norm = self.norm();
+        let norm = self.normalisation();
         line.resize(width);
         for first in (0..blocks).step_by(2) {
             let second = (first + 1).min(blocks - 1);
             for x in 0..columns {
                 for x_there in [x, (width - x) % width] {
-                    let (re, im) = (lanes(&half.re, first * wide + x), lanes(&half.re, second * wide + x));
+                    let (re, im) = (load_lanes(&half.re, first * wide + x), load_lanes(&half.re, second * wide + x));
                     line.re[x_there * LANES..][..LANES].copy_from_slice(&re);
                     line.im[x_there * LANES..][..LANES].copy_from_slice(&im);
                 }
             }
             self.x.forward(simd, &mut line.re, &mut line.im);
             for x in 0..columns {
-                let at = self.x.place(x);
+                let at = self.x.frequency_index(x);
                 for (plane, block) in [(&line.im, second), (&line.re, first)] {
-                    let values = lanes(plane, at);
+                    let values = load_lanes(plane, at);
                     for (out, value) in spectrum.0[block * columns + x].iter_mut().zip(values) {
                         *out = value * norm;
                     }
@@ -216,9 +244,9 @@ impl<'a> Torus<'a> {
         }
     }
 
-    /// What makes up for transforms that are not normalised. Half of it, because pairs of columns are not halved when
-    /// they are taken apart.
-    fn norm(&self) -> f32 {
+    /// Returns the factor that compensates for transforms that are not normalised. It is halved because pairs of
+    /// columns are not halved when they are separated.
+    fn normalisation(&self) -> f32 {
         0.5 / (self.x.length() * self.y.length()) as f32
     }
 
@@ -226,17 +254,17 @@ impl<'a> Torus<'a> {
     fn convolve_with<S: Simd>(
         &self,
         simd: S,
-        spectrum: &Spectrum,
+        spectrum: &KernelSpectrum,
         source: &Grid<f32>,
         target: &mut Grid<f32>,
-        buffers: &mut Buffers,
+        buffers: &mut ConvolutionBuffers,
     ) {
-        let Shape { source: [source_width, _], offset: [left, _], target: [target_width, _] } = self.shape;
+        let ConvolutionShape { source: [source_width, _], offset: [left, _], target: [target_width, _] } = self.shape;
         let wide = source_width.max(target_width).next_multiple_of(2 * LANES);
-        let (width, columns) = (self.x.length(), self.columns());
-        let Buffers { line, half } = buffers;
-        half.resize(self.blocks() * wide);
-        self.columns_forward(simd, source, wide, line, half);
+        let (width, columns) = (self.x.length(), self.column_count());
+        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
+        half.resize(self.block_count() * wide);
+        self.transform_columns(simd, source, wide, line, half);
         line.resize(width);
         for (block, response) in spectrum.0.chunks_exact(columns).enumerate() {
             let start = block * wide * LANES;
@@ -248,14 +276,14 @@ impl<'a> Torus<'a> {
             }
             self.x.forward(simd, &mut line.re, &mut line.im);
             for (x, response) in response.iter().enumerate() {
-                let (here, there) = (self.x.place(x), self.x.place((width - x) % width));
-                times(simd, line, here, response);
-                // The first and the middle frequency are their own mirror images.
+                let (here, there) = (self.x.frequency_index(x), self.x.frequency_index((width - x) % width));
+                scale_lanes(simd, line, here, response);
+                // The first and the middle frequency are their own mirror images, and must be scaled only once.
                 if there != here {
-                    times(simd, line, there, response);
+                    scale_lanes(simd, line, there, response);
                 }
             }
-            self.x.back(simd, &mut line.re, &mut line.im);
+            self.x.inverse(simd, &mut line.re, &mut line.im);
             for (line, half) in [(&line.re, &mut half.re), (&line.im, &mut half.im)] {
                 let (inside, beyond) = half[start..][..wide * LANES].split_at_mut(target_width * LANES);
                 inside.copy_from_slice(&line[..inside.len()]);
@@ -263,12 +291,12 @@ impl<'a> Torus<'a> {
                 beyond.fill(0.0);
             }
         }
-        self.columns_back(simd, target, wide, line, half);
+        self.transform_columns_back(simd, target, wide, line, half);
     }
 
     /// Transforms the source's columns and keeps the frequencies from 0 to half the torus.
     #[inline(always)]
-    fn columns_forward<S: Simd>(
+    fn transform_columns<S: Simd>(
         &self,
         simd: S,
         source: &Grid<f32>,
@@ -297,18 +325,19 @@ impl<'a> Torus<'a> {
                 line.re[(top + y) * LANES..][..LANES].copy_from_slice(&values[..LANES]);
                 line.im[(top + y) * LANES..][..LANES].copy_from_slice(&values[LANES..]);
             }
+            // The spectrum of columns without any value stays 0, without a transform.
             if any {
                 self.y.forward(simd, &mut line.re, &mut line.im);
             }
-            for block in 0..self.blocks() {
+            for block in 0..self.block_count() {
                 let mut first = [[[0.0; LANES]; LANES]; 2];
                 let mut second = [[[0.0; LANES]; LANES]; 2];
                 for k in 0..LANES {
                     let at = block * LANES + k;
-                    let here = self.y.place(at % height);
-                    let there = self.y.place((2 * height - at) % height);
-                    let (re, im) = (lanes(&line.re, here), lanes(&line.im, here));
-                    let (re_there, im_there) = (lanes(&line.re, there), lanes(&line.im, there));
+                    let here = self.y.frequency_index(at % height);
+                    let there = self.y.frequency_index((2 * height - at) % height);
+                    let (re, im) = (load_lanes(&line.re, here), load_lanes(&line.im, here));
+                    let (re_there, im_there) = (load_lanes(&line.re, there), load_lanes(&line.im, there));
                     for j in 0..LANES {
                         first[0][k][j] = re[j] + re_there[j];
                         first[1][k][j] = im[j] - im_there[j];
@@ -318,24 +347,32 @@ impl<'a> Torus<'a> {
                 }
                 let at = (block * wide + x) * LANES;
                 let size = LANES * LANES;
-                half.re[at..][..size].copy_from_slice(transposed(simd, &first[0]).as_flattened());
-                half.im[at..][..size].copy_from_slice(transposed(simd, &first[1]).as_flattened());
-                half.re[at + size..][..size].copy_from_slice(transposed(simd, &second[0]).as_flattened());
-                half.im[at + size..][..size].copy_from_slice(transposed(simd, &second[1]).as_flattened());
+                half.re[at..][..size].copy_from_slice(transpose_8x8(simd, &first[0]).as_flattened());
+                half.im[at..][..size].copy_from_slice(transpose_8x8(simd, &first[1]).as_flattened());
+                half.re[at + size..][..size].copy_from_slice(transpose_8x8(simd, &second[0]).as_flattened());
+                half.im[at + size..][..size].copy_from_slice(transpose_8x8(simd, &second[1]).as_flattened());
             }
         }
     }
 
-    /// The way back of [`Torus::columns_forward`].
+    /// Inverts [`Self::transform_columns`] for the target's columns.
     #[inline(always)]
-    fn columns_back<S: Simd>(&self, simd: S, target: &mut Grid<f32>, wide: usize, line: &mut Signals, half: &Signals) {
+    fn transform_columns_back<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut Grid<f32>,
+        wide: usize,
+        line: &mut Signals,
+        half: &Signals,
+    ) {
         let height = self.y.length();
         line.resize(height);
         for x in (0..target.width).step_by(2 * LANES) {
-            for block in 0..self.blocks() {
+            for block in 0..self.block_count() {
                 let at = block * wide + x;
-                let (re, im) = (turned(simd, &half.re, at), turned(simd, &half.im, at));
-                let (re_next, im_next) = (turned(simd, &half.re, at + LANES), turned(simd, &half.im, at + LANES));
+                let (re, im) = (load_transposed(simd, &half.re, at), load_transposed(simd, &half.im, at));
+                let (re_next, im_next) =
+                    (load_transposed(simd, &half.re, at + LANES), load_transposed(simd, &half.im, at + LANES));
                 for k in 0..LANES.min(height / 2 + 1 - block * LANES) {
                     let frequency = block * LANES + k;
                     let (mut sums, mut differences) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
@@ -345,19 +382,19 @@ impl<'a> Torus<'a> {
                         differences[0][j] = re[k][j] - im_next[k][j];
                         differences[1][j] = re_next[k][j] - im[k][j];
                     }
-                    let there = self.y.place((height - frequency) % height) * LANES;
+                    let there = self.y.frequency_index((height - frequency) % height) * LANES;
                     line.re[there..][..LANES].copy_from_slice(&sums[0]);
                     line.im[there..][..LANES].copy_from_slice(&differences[1]);
-                    // Last: the frequencies that are their own mirror images have no imaginary part of their own.
-                    let here = self.y.place(frequency) * LANES;
+                    // Written last: frequencies that are their own mirror images have no imaginary part of their own.
+                    let here = self.y.frequency_index(frequency) * LANES;
                     line.re[here..][..LANES].copy_from_slice(&differences[0]);
                     line.im[here..][..LANES].copy_from_slice(&sums[1]);
                 }
             }
-            self.y.back(simd, &mut line.re, &mut line.im);
+            self.y.inverse(simd, &mut line.re, &mut line.im);
             for y in 0..target.height {
                 let row = &mut target.row_mut(y)[x..];
-                let (re, im) = (lanes(&line.re, y), lanes(&line.im, y));
+                let (re, im) = (load_lanes(&line.re, y), load_lanes(&line.im, y));
                 if row.len() >= 2 * LANES {
                     row[..LANES].copy_from_slice(&re);
                     row[LANES..2 * LANES].copy_from_slice(&im);
@@ -371,33 +408,33 @@ impl<'a> Torus<'a> {
     }
 }
 
-/// [`Torus::set_spectrum`] with vectors to be chosen.
-struct MakeSpectrum<'a, 'b> {
-    torus: &'a Torus<'b>,
+/// A kernel for [`TorusConvolution::set_spectrum`] with any vector width.
+struct SpectrumKernel<'a, 'b> {
+    torus: &'a TorusConvolution<'b>,
     kernel: &'a Grid<f32>,
-    buffers: &'a mut Buffers,
-    spectrum: &'a mut Spectrum,
+    buffers: &'a mut ConvolutionBuffers,
+    spectrum: &'a mut KernelSpectrum,
 }
 
-impl WithSimd for MakeSpectrum<'_, '_> {
+impl WithSimd for SpectrumKernel<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.torus.spectrum_with(simd, self.kernel, self.buffers, self.spectrum);
+        self.torus.set_spectrum_with(simd, self.kernel, self.buffers, self.spectrum);
     }
 }
 
-/// [`Torus::convolve`] with vectors to be chosen.
-struct Convolve<'a, 'b> {
-    torus: &'a Torus<'b>,
-    spectrum: &'a Spectrum,
+/// A kernel for [`TorusConvolution::convolve`] with any vector width.
+struct ConvolveKernel<'a, 'b> {
+    torus: &'a TorusConvolution<'b>,
+    spectrum: &'a KernelSpectrum,
     source: &'a Grid<f32>,
     target: &'a mut Grid<f32>,
-    buffers: &'a mut Buffers,
+    buffers: &'a mut ConvolutionBuffers,
 }
 
-impl WithSimd for Convolve<'_, '_> {
+impl WithSimd for ConvolveKernel<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -406,25 +443,25 @@ impl WithSimd for Convolve<'_, '_> {
     }
 }
 
-/// Value number `at` of eight signals.
+/// Returns value number `at` of eight signals.
 #[inline(always)]
-fn lanes(plane: &[f32], at: usize) -> [f32; LANES] {
+fn load_lanes(plane: &[f32], at: usize) -> [f32; LANES] {
     let mut values = [0.0; LANES];
     values.copy_from_slice(&plane[at * LANES..][..LANES]);
     values
 }
 
-/// Eight values of eight signals from number `at` on, signal by signal.
+/// Returns eight values of eight signals from number `at` on, signal by signal.
 #[inline(always)]
-fn turned<S: Simd>(simd: S, plane: &[f32], at: usize) -> [[f32; LANES]; LANES] {
+fn load_transposed<S: Simd>(simd: S, plane: &[f32], at: usize) -> [[f32; LANES]; LANES] {
     let mut rows = [[0.0; LANES]; LANES];
     rows.as_flattened_mut().copy_from_slice(&plane[at * LANES..][..LANES * LANES]);
-    transposed(simd, &rows)
+    transpose_8x8(simd, &rows)
 }
 
 /// Multiplies value number `at` of eight signals by real factors.
 #[inline(always)]
-fn times<S: Simd>(simd: S, line: &mut Signals, at: usize, factors: &[f32; LANES]) {
+fn scale_lanes<S: Simd>(simd: S, line: &mut Signals, at: usize, factors: &[f32; LANES]) {
     let factors = S::as_simd_f32s(factors).0;
     for plane in [&mut line.re, &mut line.im] {
         let values = S::as_mut_simd_f32s(&mut plane[at * LANES..][..LANES]).0;

@@ -1,36 +1,37 @@
-//! Where, between the solver's pixels, the contact ends.
+//! Finds where the contact ends between the solver's pixels, from the solver's pressures and gaps.
 //!
-//! The solver's own pressures and gaps tell. Beside a smooth edge the last pixel in contact has a pressure p and the next
-//! one a gap c; with the pitch h, the edge is at the share t = 1 / (1 + 0.563 E' c / (p h)) - 0.175 of the way from the one to
-//! the other, two numbers that were fitted to a half-plane under a parabola and are held by `tests/physics/mask.rs`, with
-//! E' = E / (1 - nu^2): a pixel of even pressure stands for its whole width, so that the last one may have its centre
+//! At a smooth edge, the last pixel in contact has a pressure p and the next one a gap c. With the pixel size h and E'
+//! = E / (1 - nu^2), the edge lies at the share t = 1 / (1 + 0.563 E' c / (p h)) - 0.175 of the way from the one to the
+//! other. The two numbers were fitted to a half-plane under a parabola; `tests/physics/mask.rs` checks them. The shift
+//! is needed because a pixel's even pressure stands for its full width, so that the last pixel's centre may lie
 //! outside.
 
-use super::Solution;
+use super::ContactSolution;
 use super::lattice::Lattice;
 use crate::base::grid::{Grid, Rect};
 
-/// Slope of the object between two pixels of the solver's from which on there is a wall: where it is, only the object itself
-/// knows.
-const WALL: f32 = 2.0;
+/// Slope of the object between two of the solver's pixels above which there is a wall. Where a wall lies, only the
+/// object itself tells.
+const WALL_SLOPE: f32 = 2.0;
 
-/// A lower wall: one of the camera's pixels on the way has this share of the way's whole drop,
-const STEP: f32 = 0.75;
+/// A lower wall is one where a single step between the camera's pixels has this share of the total drop,
+const STEP_SHARE: f32 = 0.75;
 
-/// which is as steep as this at least.
-const LOWEST: f32 = 0.3;
+/// which is at least this steep.
+const MIN_STEP_SLOPE: f32 = 0.3;
 
 /// Weight of the gap against the pressure.
-const WEIGHT: f32 = 0.563;
+const GAP_WEIGHT: f32 = 0.563;
 
-/// How far the edge is from where pressure and gap balance, pixels.
-const SHIFT: f32 = 0.175;
+/// Distance of the edge from where pressure and gap balance, pixels.
+const EDGE_SHIFT: f32 = 0.175;
 
-/// How far within the contact each pixel of the solution's box is, mm, up to about the way to the next pixel; below 0
-/// outside. `coarse` is the overlap on the solver's grid, `fine` on the camera's; `stiffness` is E' of Young's modulus 1;
-/// `highest` the pad's highest place, above which the object does not count: one may have captured it there, and another not.
-pub fn inside_mm(
-    solution: &Solution,
+/// Returns how far inside the contact each pixel of the solution's box lies, mm, at most about the distance to the next
+/// pixel; below 0 outside. `coarse` is the penetration on the solver's grid, `fine` on the camera's; `stiffness` is E'
+/// for Young's modulus 1. Above `highest`, the pad's highest point, the object does not count, because not every
+/// capture reaches there.
+pub fn distance_inside_mm(
+    solution: &ContactSolution,
     coarse: &Grid<f32>,
     (fine, lattice): (&Grid<f32>, Lattice),
     mm_per_px: [f64; 2],
@@ -40,24 +41,24 @@ pub fn inside_mm(
     let Rect { x0, y0, .. } = solution.contact_box;
     let pressure = &solution.pressure;
     let (width, height) = (pressure.width, pressure.height);
-    let pitch = mm_per_px.map(|mm| mm as f32);
-    let far = pitch[0].max(pitch[1]);
-    let shift = SHIFT * pitch[0].min(pitch[1]);
+    let spacing = mm_per_px.map(|mm| mm as f32);
+    let far = spacing[0].max(spacing[1]);
+    let shift = EDGE_SHIFT * spacing[0].min(spacing[1]);
     let object = |[x, y]: [usize; 2]| coarse.at(x0 + x, y0 + y).max(highest);
     let gap = |at: [usize; 2]| {
-        let w = solution.displacement.at(x0 + at[0] - solution.seen.x0, y0 + at[1] - solution.seen.y0);
+        let w = solution.displacement.at(x0 + at[0] - solution.known_box.x0, y0 + at[1] - solution.known_box.y0);
         (w - object(at)).max(0.0)
     };
     let walled = |touching: [usize; 2], next: [usize; 2], k: usize| {
         let drop = object(touching) - object(next);
-        if drop > WALL * pitch[k] {
+        if drop > WALL_SLOPE * spacing[k] {
             return true;
         }
-        if drop < LOWEST * pitch[k] {
+        if drop < MIN_STEP_SLOPE * spacing[k] {
             return false;
         }
-        // Along the camera's pixels from the one centre to the other.
-        let place = |[x, y]: [usize; 2]| [lattice.at_centre(x0 + x, 0), lattice.at_centre(y0 + y, 1)];
+        // Along the camera's pixels from one centre to the other.
+        let place = |[x, y]: [usize; 2]| [lattice.fine_at_centre(x0 + x, 0), lattice.fine_at_centre(y0 + y, 1)];
         let ([from, to], back) = ([place(touching), place(next)], next[k] < touching[k]);
         let (first, last) = if back { (from[k].end - 1, to[k].start) } else { (from[k].start, to[k].end - 1) };
         let object = |at: usize| match k {
@@ -65,15 +66,15 @@ pub fn inside_mm(
             _ => fine.at(from[0].start, at).max(highest),
         };
         let step = |at: usize| if back { object(at + 1) - object(at) } else { object(at) - object(at + 1) };
-        (first.min(last)..first.max(last)).any(|at| step(at) > STEP * drop)
+        (first.min(last)..first.max(last)).any(|at| step(at) > STEP_SHARE * drop)
     };
-    // Of the way from a pixel in contact to the next one, which is not.
+    // Position of the edge, as a share of the way from a pixel in contact to the next one, which is not.
     let share = |touching: [usize; 2], next: [usize; 2], k: usize| {
         if walled(touching, next, k) {
-            return 1.0 + SHIFT;
+            return 1.0 + EDGE_SHIFT;
         }
-        let pitch = pitch[k];
-        1.0 / (1.0 + WEIGHT * stiffness * gap(next) / (pressure.at(touching[0], touching[1]) * pitch))
+        let spacing = spacing[k];
+        1.0 / (1.0 + GAP_WEIGHT * stiffness * gap(next) / (pressure.at(touching[0], touching[1]) * spacing))
     };
     let mut inside = Grid::new(width, height);
     for y in 0..height {
@@ -92,9 +93,9 @@ pub fn inside_mm(
                         (false, true) => (1.0 - share(place, [x, y], k / 2)).max(0.0),
                         _ => continue,
                     };
-                    nearest[k / 2] = nearest[k / 2].min(way * pitch[k / 2]);
+                    nearest[k / 2] = nearest[k / 2].min(way * spacing[k / 2]);
                 }
-                // Of a straight edge that cuts both axes.
+                // Distance to a straight edge that cuts both axes.
                 let [across_x, across_y] = nearest.map(|mm| 1.0 / (mm * mm));
                 mm = (1.0 / (across_x + across_y).sqrt()).min(far);
             }

@@ -1,15 +1,15 @@
 //! Complex Fourier transforms of eight signals at a time, in place.
 //!
-//! The eight signals' values stand side by side, so that every step is plain arithmetic on neighbours and the bits are
-//! the same on every processor; libraries pick fused instructions that round differently where there are any.
-//! Algorithm: decimation in frequency forward, which leaves the spectrum in another order, and decimation in time
-//! back (Cooley and Tukey 1965; Van Loan 1992, chapter 1), radices 5, 3, 2 and 4.
+//! The values of the eight signals are interleaved, so that every step is plain arithmetic on neighbours and gives the
+//! same bits on every processor. FFT libraries use fused instructions where they exist, which round differently.
+//! Algorithm: decimation in frequency forward, which leaves the spectrum in permuted order, and decimation in time
+//! backward (Cooley and Tukey 1965; Van Loan 1992, chapter 1), with radices 5, 3, 2 and 4.
 
 use std::f64::consts::TAU;
 
 use pulp::Simd;
 
-/// Signals that are transformed together.
+/// Number of signals that are transformed together.
 pub const LANES: usize = 8;
 
 /// Values of [`LANES`] complex signals: the first value of each, the second of each, and so on.
@@ -22,7 +22,7 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// Makes room for `len` values of each signal; what they are is left open.
+    /// Resizes each signal to `len` values; their contents are unspecified.
     pub fn resize(&mut self, len: usize) {
         self.re.resize(len * LANES, 0.0);
         self.im.resize(len * LANES, 0.0);
@@ -33,31 +33,32 @@ impl Signals {
 #[derive(Clone, Debug)]
 pub struct Fft {
     len: usize,
-    stages: Vec<Stage>,
-    /// Stages that run over the whole before the rest runs over one piece at a time, which stays in the L1 cache.
+    stages: Vec<FftStage>,
+    /// Number of stages that run over all values. The others run over one piece at a time, which stays in the L1 cache.
     wide_stages: usize,
-    /// Where each frequency stands after [`Fft::forward`].
-    place: Vec<usize>,
+    /// Position of each frequency after [`Fft::forward`].
+    positions: Vec<usize>,
 }
 
 /// One pass: butterflies over blocks of `radix * rest` values.
 #[derive(Clone, Debug)]
-struct Stage {
+struct FftStage {
     radix: usize,
     rest: usize,
-    /// For each butterfly of a block: cosine and minus sine of its `radix - 1` turns.
-    turns: Vec<[[f32; 2]; 4]>,
+    /// For each butterfly of a block: cosine and minus sine of its `radix - 1` rotations.
+    twiddles: Vec<[[f32; 2]; 4]>,
 }
 
-/// Values per signal that are small enough to stay in the L1 cache: 384 * 8 lanes * 8 bytes = 24 KiB.
-const PIECE: usize = 384;
+/// Number of values per signal that fit in the L1 cache: 384 * 8 lanes * 8 bytes = 24 KiB.
+const CACHED_VALUES: usize = 384;
 
 impl Fft {
-    /// The transform of `len` values, which may have no prime factor above 5.
+    /// Prepares the transform of `len` values; `len` must have no prime factor above 5.
     pub fn new(len: usize) -> Self {
         let mut stages = Vec::new();
         let mut left = len;
         while left > 1 {
+            // One stage of radix 2 if the power of two is odd; the others are radix 4, which needs fewer operations.
             let fours = left.trailing_zeros().is_multiple_of(2);
             let radix = [5, 3].into_iter().find(|radix| left.is_multiple_of(*radix));
             let radix = radix.unwrap_or(if fours { 4 } else { 2 });
@@ -67,32 +68,32 @@ impl Fft {
                 let angle = TAU * (at * k) as f64 / left as f64;
                 [libm::cos(angle) as f32, -libm::sin(angle) as f32]
             };
-            let turns = (0..rest).map(|at| std::array::from_fn(|k| turn(at, k + 1))).collect();
-            stages.push(Stage { radix, rest, turns });
+            let twiddles = (0..rest).map(|at| std::array::from_fn(|k| turn(at, k + 1))).collect();
+            stages.push(FftStage { radix, rest, twiddles });
             left = rest;
         }
-        let wide_stages = stages.iter().filter(|stage| stage.radix * stage.rest > PIECE).count();
+        let wide_stages = stages.iter().filter(|stage| stage.radix * stage.rest > CACHED_VALUES).count();
         let place = (0..len).map(|frequency| {
-            let digit = |(place, frequency): (usize, usize), stage: &Stage| {
+            let digit = |(place, frequency): (usize, usize), stage: &FftStage| {
                 (place + frequency % stage.radix * stage.rest, frequency / stage.radix)
             };
             stages.iter().fold((0, frequency), digit).0
         });
-        Self { len, wide_stages, place: place.collect(), stages }
+        Self { len, wide_stages, positions: place.collect(), stages }
     }
 
-    /// Number of values.
+    /// Returns the number of values.
     pub fn length(&self) -> usize {
         self.len
     }
 
-    /// Where frequency number `k` stands after [`Fft::forward`].
+    /// Returns the position of frequency number `k` after [`Fft::forward`].
     #[inline(always)]
-    pub fn place(&self, k: usize) -> usize {
-        self.place[k]
+    pub fn frequency_index(&self, k: usize) -> usize {
+        self.positions[k]
     }
 
-    /// Transforms `re + i im` in place, not normalised, and leaves the frequencies at their [`Fft::place`]s.
+    /// Transforms `re + i im` in place, not normalised; frequencies end at their [`Fft::frequency_index`].
     #[inline(always)]
     pub fn forward<S: Simd>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
         let size = self.len * LANES;
@@ -101,7 +102,7 @@ impl Fft {
         for stage in wide {
             stage.run::<S, true>(simd, re, im);
         }
-        let piece = narrow.first().map_or(re.len(), |stage| stage.size::<S>());
+        let piece = narrow.first().map_or(re.len(), |stage| stage.vectors_per_block::<S>());
         for (re, im) in re.chunks_exact_mut(piece).zip(im.chunks_exact_mut(piece)) {
             for stage in narrow {
                 stage.run::<S, true>(simd, re, im);
@@ -109,14 +110,14 @@ impl Fft {
         }
     }
 
-    /// The way back of [`Fft::forward`], times [`Fft::length`].
+    /// Inverts [`Fft::forward`]; the result is multiplied by [`Fft::length`].
     #[inline(always)]
-    pub fn back<S: Simd>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
+    pub fn inverse<S: Simd>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
         let size = self.len * LANES;
-        // With real and imaginary parts exchanged, forward is back.
+        // With real and imaginary parts exchanged, the forward transform is the inverse one.
         let (re, im) = (S::as_mut_simd_f32s(&mut im[..size]).0, S::as_mut_simd_f32s(&mut re[..size]).0);
         let (wide, narrow) = self.stages.split_at(self.wide_stages);
-        let piece = narrow.first().map_or(re.len(), |stage| stage.size::<S>());
+        let piece = narrow.first().map_or(re.len(), |stage| stage.vectors_per_block::<S>());
         for (re, im) in re.chunks_exact_mut(piece).zip(im.chunks_exact_mut(piece)) {
             for stage in narrow.iter().rev() {
                 stage.run::<S, false>(simd, re, im);
@@ -128,38 +129,38 @@ impl Fft {
     }
 }
 
-impl Stage {
-    /// Vectors in a block.
+impl FftStage {
+    /// Returns the number of SIMD vectors in a block.
     #[inline(always)]
-    fn size<S: Simd>(&self) -> usize {
+    fn vectors_per_block<S: Simd>(&self) -> usize {
         self.radix * self.rest * LANES / S::F32_LANES
     }
 
-    /// Runs over all blocks; forward the turns come after the butterfly, otherwise before it.
+    /// Runs over all blocks. Twiddle factors are applied after the butterfly if forward, otherwise before it.
     #[inline(always)]
     fn run<S: Simd, const FORWARD: bool>(&self, simd: S, re: &mut [S::f32s], im: &mut [S::f32s]) {
-        let size = self.size::<S>();
+        let size = self.vectors_per_block::<S>();
         for (re, im) in re.chunks_exact_mut(size).zip(im.chunks_exact_mut(size)) {
             match self.radix {
-                2 => block::<S, FORWARD, 2>(simd, re, im, &self.turns),
-                3 => block::<S, FORWARD, 3>(simd, re, im, &self.turns),
-                4 => block::<S, FORWARD, 4>(simd, re, im, &self.turns),
-                _ => block::<S, FORWARD, 5>(simd, re, im, &self.turns),
+                2 => transform_block::<S, FORWARD, 2>(simd, re, im, &self.twiddles),
+                3 => transform_block::<S, FORWARD, 3>(simd, re, im, &self.twiddles),
+                4 => transform_block::<S, FORWARD, 4>(simd, re, im, &self.twiddles),
+                _ => transform_block::<S, FORWARD, 5>(simd, re, im, &self.twiddles),
             }
         }
     }
 }
 
 #[inline(always)]
-fn block<S: Simd, const FORWARD: bool, const R: usize>(
+fn transform_block<S: Simd, const FORWARD: bool, const R: usize>(
     simd: S,
     re: &mut [S::f32s],
     im: &mut [S::f32s],
-    turns: &[[[f32; 2]; 4]],
+    twiddles: &[[[f32; 2]; 4]],
 ) {
-    // Vectors may be narrower than the eight signals; then there are more of them per value.
+    // Vectors may hold fewer than the eight signals; then a value takes several of them.
     let per_value = LANES / S::F32_LANES;
-    let part = turns.len() * per_value;
+    let part = twiddles.len() * per_value;
     let (mut re, mut im) = (re.chunks_exact_mut(part), im.chunks_exact_mut(part));
     let mut re: [&mut [S::f32s]; R] = std::array::from_fn(|_| re.next().expect("R parts"));
     let mut im: [&mut [S::f32s]; R] = std::array::from_fn(|_| im.next().expect("R parts"));
@@ -168,14 +169,14 @@ fn block<S: Simd, const FORWARD: bool, const R: usize>(
         for (value, (re, im)) in values.iter_mut().zip(re.iter().zip(&im)) {
             *value = Complex { re: re[at], im: im[at] };
         }
-        // The last block's only turns are by 0.
+        // In the last stage all twiddle factors are 1.
         let turned = part > per_value;
         if turned && !FORWARD {
-            turn(simd, &mut values, &turns[at / per_value]);
+            apply_twiddles(simd, &mut values, &twiddles[at / per_value]);
         }
         values = butterfly::<S, R>(simd, values);
         if turned && FORWARD {
-            turn(simd, &mut values, &turns[at / per_value]);
+            apply_twiddles(simd, &mut values, &twiddles[at / per_value]);
         }
         for (value, (re, im)) in values.iter().zip(re.iter_mut().zip(&mut im)) {
             re[at] = value.re;
@@ -184,10 +185,10 @@ fn block<S: Simd, const FORWARD: bool, const R: usize>(
     }
 }
 
-/// Turns all values but the first.
+/// Multiplies all values but the first by their twiddle factors.
 #[inline(always)]
-fn turn<S: Simd, const R: usize>(simd: S, values: &mut [Complex<S>; R], turns: &[[f32; 2]; 4]) {
-    for (value, [cos, sin]) in values[1..].iter_mut().zip(turns) {
+fn apply_twiddles<S: Simd, const R: usize>(simd: S, values: &mut [Complex<S>; R], twiddles: &[[f32; 2]; 4]) {
+    for (value, [cos, sin]) in values[1..].iter_mut().zip(twiddles) {
         *value = value.times(simd, Complex { re: simd.splat_f32s(*cos), im: simd.splat_f32s(*sin) });
     }
 }
@@ -207,7 +208,7 @@ impl<S: Simd> Clone for Complex<S> {
 
 impl<S: Simd> Copy for Complex<S> {}
 
-/// The transform of `R` values.
+/// Computes the transform of `R` values.
 #[inline(always)]
 fn butterfly<S: Simd, const R: usize>(simd: S, x: [Complex<S>; R]) -> [Complex<S>; R] {
     let mut y = x;
@@ -218,15 +219,15 @@ fn butterfly<S: Simd, const R: usize>(simd: S, x: [Complex<S>; R]) -> [Complex<S
         }
         3 => {
             let sum = x[1].plus(simd, x[2]);
-            let across = x[1].minus(simd, x[2]).scaled(simd, SIN_3).quarter_turned(simd);
-            let middle = x[0].plus(simd, sum.scaled(simd, -0.5));
+            let across = x[1].minus(simd, x[2]).scaled_by(simd, SIN_3).times_minus_i(simd);
+            let middle = x[0].plus(simd, sum.scaled_by(simd, -0.5));
             y[0] = x[0].plus(simd, sum);
             y[1] = middle.plus(simd, across);
             y[2] = middle.minus(simd, across);
         }
         4 => {
             let (even, odd) = (x[0].plus(simd, x[2]), x[1].plus(simd, x[3]));
-            let (left, right) = (x[0].minus(simd, x[2]), x[1].minus(simd, x[3]).quarter_turned(simd));
+            let (left, right) = (x[0].minus(simd, x[2]), x[1].minus(simd, x[3]).times_minus_i(simd));
             y[0] = even.plus(simd, odd);
             y[1] = left.plus(simd, right);
             y[2] = even.minus(simd, odd);
@@ -234,9 +235,10 @@ fn butterfly<S: Simd, const R: usize>(simd: S, x: [Complex<S>; R]) -> [Complex<S
         }
         _ => {
             let (near, far) = (x[1].plus(simd, x[4]), x[2].plus(simd, x[3]));
-            let near_across = x[1].minus(simd, x[4]).quarter_turned(simd);
-            let far_across = x[2].minus(simd, x[3]).quarter_turned(simd);
-            let mix = |a: f32, b: f32, p: Complex<S>, q: Complex<S>| p.scaled(simd, a).plus(simd, q.scaled(simd, b));
+            let near_across = x[1].minus(simd, x[4]).times_minus_i(simd);
+            let far_across = x[2].minus(simd, x[3]).times_minus_i(simd);
+            let mix =
+                |a: f32, b: f32, p: Complex<S>, q: Complex<S>| p.scaled_by(simd, a).plus(simd, q.scaled_by(simd, b));
             let first = x[0].plus(simd, mix(COS_5[0], COS_5[1], near, far));
             let second = x[0].plus(simd, mix(COS_5[1], COS_5[0], near, far));
             let first_across = mix(SIN_5[0], SIN_5[1], near_across, far_across);
@@ -270,14 +272,14 @@ impl<S: Simd> Complex<S> {
     }
 
     #[inline(always)]
-    fn scaled(self, simd: S, by: f32) -> Self {
+    fn scaled_by(self, simd: S, by: f32) -> Self {
         let by = simd.splat_f32s(by);
         Self { re: simd.mul_f32s(self.re, by), im: simd.mul_f32s(self.im, by) }
     }
 
-    /// Times -i.
+    /// Multiplies by -i.
     #[inline(always)]
-    fn quarter_turned(self, simd: S) -> Self {
+    fn times_minus_i(self, simd: S) -> Self {
         Self { re: self.im, im: simd.neg_f32s(self.re) }
     }
 
@@ -291,7 +293,7 @@ impl<S: Simd> Complex<S> {
     }
 }
 
-/// The smallest length from `n` up that the transform takes and that is a multiple of 16.
+/// Returns the smallest length from `n` up that the transform accepts and that is a multiple of 16.
 pub fn fast_length(n: usize) -> usize {
     let smooth = |mut n: usize| {
         for prime in [2, 3, 5] {

@@ -1,60 +1,60 @@
-//! The pad as a linear elastic layer bonded to the shell, pressed by a rigid object, without friction or with it.
+//! The pad as a linear elastic layer bonded to the shell, pressed by an object, with or without friction.
 //!
-//! From the overlap g come the pressure p >= 0 and the surface's displacement w >= g with p (w - g) = 0 (`solve`), w
-//! being p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur this bulges, leaves
-//! the object where it should, and knows forces. Friction adds tractions, and what they displace ([`friction`]). Linear
-//! theory holds for small strain; what it gets wrong: [`model_error`]. Displacements do not depend on Young's modulus;
-//! pressures are proportional to it.
+//! From the penetration g, the solver (`solve`) finds the pressure p >= 0 and the surface's displacement w >= g with p
+//! (w - g) = 0, where w is p convolved with the layer's response ([`kernel`], [`layer`]) in free space. Unlike a blur,
+//! the pad bulges, leaves the object where it should, and has forces. Friction adds tractions and the displacement that
+//! they cause ([`friction`]). Linear theory holds for small strain; [`model_error`] estimates its error. Displacements
+//! do not depend on Young's modulus; pressures are proportional to it.
 
 use std::borrow::Cow;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::total_contact::Beyond;
-use super::{Contact, Numerics, untouched};
+use super::total_contact::OutsideWindow;
+use super::{Contact, Numerics, no_contact};
 use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
-use crate::base::simd::{count, simd_dispatch};
+use crate::base::simd::{count_true, simd_dispatch};
 use crate::base::view::{SURFACE_BORDER, View};
-use crate::depth::{Depth, Window};
+use crate::depth::{CaptureWindow, Depth};
 use crate::gelpad::material::Material;
 
-mod beyond_view;
-mod cone;
 pub mod convolve;
+mod coulomb;
 mod edge;
+pub mod elastic_object;
 pub mod fft;
 pub mod friction;
-mod grip;
-pub mod history;
-pub mod inplane;
+pub mod friction_history;
+pub mod in_plane;
 pub mod kernel;
 mod lattice;
 pub mod layer;
 pub mod model_error;
-pub mod plane;
+mod outside_window;
+mod partial_pixels;
+pub mod plane_transform;
 mod resample;
 pub mod response;
 pub mod shear;
-pub mod soft;
 mod solution;
 mod solve;
 mod surface;
-mod walls;
+mod traction_grid;
 
-use beyond_view::Grids;
-use inplane::Load;
-use kernel::Curve;
+use in_plane::Load;
+use kernel::CorrectionCurve;
 use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
-use resample::Shape;
-use response::{Memory, Response};
+use outside_window::OutsideGrids;
+use partial_pixels::{DownsampledObject, PartialPixel};
+use resample::Interpolation;
+use response::{OperatorBuffers, PressureResponse};
 use shear::Friction;
-pub use solution::Given;
-use solution::Solution;
-use solve::{ContactProblem, Outcome, Scratch};
-use walls::{CutPixel, Thinned};
+use solution::ContactSolution;
+pub use solution::PriorDisplacement;
+use solve::{ContactProblem, SolverBuffers, SolverOutcome};
 
 /// Parameters of the contact solver.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,7 +67,7 @@ pub struct Elastic {
     pub tolerance_um: f64,
     /// Iterations after which the solver gives up, 1 to 10000.
     pub max_iterations: u32,
-    /// What holds the pad to the object while it is pressed in. `None`: nothing, the surface slides along it.
+    /// Friction between pad and object while it is pressed in. `None`: the surface slides along the object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
 }
@@ -79,8 +79,9 @@ impl Default for Elastic {
 }
 
 impl Elastic {
-    /// What gives a guess to begin with. It needs no more than a few times the tolerance.
-    fn coarser(&self) -> Option<Self> {
+    /// Returns the settings of the coarser solution that provides the initial guess; a few times the tolerance is
+    /// enough for it.
+    fn coarser_settings(&self) -> Option<Self> {
         let resolution = match self.resolution {
             Resolution::Full => Resolution::Half,
             Resolution::Half => Resolution::Quarter,
@@ -90,63 +91,65 @@ impl Elastic {
     }
 }
 
-/// How far beyond the view the object is captured on the view's own grid, in thicknesses. Of an object that ends there
-/// nothing is missing; what goes on further presses from coarser grids ([`beyond_view`]).
-const MARGIN: f64 = 1.5;
+/// Width of the margin around the view in which the object is captured on the view's own grid, in thicknesses. Contacts
+/// that extend beyond the margin are solved on coarser grids ([`outside_window`]).
+const MARGIN_THICKNESSES: f64 = 1.5;
 
-/// Indentation depth over thickness up to which linear theory says something; under a ball its surface is then off by some 3 % of
-/// the depth.
-pub const LARGEST_STRAIN: f64 = 0.5;
+/// Largest indentation depth over thickness at which linear theory is useful; under a ball its surface is then off by
+/// some 3 % of the depth.
+pub const MAX_STRAIN: f64 = 0.5;
 
-/// Overlap, in pixels of the box around it, from which on a coarser grid is solved first.
+/// Number of pixels in the contact's box from which on a coarser grid is solved first.
 const COARSER_FROM_PX: usize = 64 * 64;
 
-/// Share of the depth that the tolerance may be: it matters to presses of tens of micrometres and less.
-const SHALLOW: f32 = 0.02;
+/// Largest tolerance as a share of the depth; it matters for presses of tens of micrometres and less.
+const MAX_TOLERANCE_SHARE: f32 = 0.02;
 
-/// Height of the bulges that is counted on, as a share of the indentation depth: rings come to 0.36.
-const BULGE: f64 = 0.4;
+/// Height of bulges that a capture allows for, as a share of the indentation depth; rings come to 0.36.
+const BULGE_SHARE: f64 = 0.4;
 
-/// The model made ready for a sensor. A clone shares all that is large.
+/// The model prepared for a sensor. Clones share all large data.
 #[derive(Clone)]
-pub struct Pad {
+pub struct ElasticPad {
     elastic: Elastic,
     youngs_modulus_kpa: f64,
     margin_px: usize,
-    /// Of the camera.
+    /// Pixel size of the camera.
     mm_per_px: [f64; 2],
-    /// Of the solver's grid.
+    /// Pixel size of the solver's grid.
     coarse_mm_per_px: [f64; 2],
     layer: ElasticLayer,
-    response: Arc<Response>,
-    /// The same on every second pixel, if that is fine enough to be of help.
-    coarser: Option<Box<Pad>>,
-    /// For what lies beyond the window.
-    grids: Arc<Grids>,
-    /// See [`Self::object`].
-    object: Option<f64>,
+    response: Arc<PressureResponse>,
+    /// The same pad on every second pixel, for initial guesses; `None` on the coarsest grid.
+    coarser: Option<Box<ElasticPad>>,
+    /// Grids for contacts outside the window.
+    outside_grids: Arc<OutsideGrids>,
+    /// See [`Self::object_compliance`].
+    object_compliance: Option<f64>,
 }
 
-impl Pad {
-    /// Computes the layer's response.
+impl ElasticPad {
+    /// Prepares the pad; computes the layer's response.
     pub fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
-        Self::by(&Curve::new(ElasticLayer::new(material)), elastic, material, view)
+        Self::with_curve(&CorrectionCurve::new(ElasticLayer::new(material)), elastic, material, view)
     }
 
-    fn by(curve: &Curve, elastic: &Elastic, material: &Material, view: &View) -> Self {
+    fn with_curve(curve: &CorrectionCurve, elastic: &Elastic, material: &Material, view: &View) -> Self {
         let layer = curve.layer;
         let [width, height] = view.resolution_px;
         let [dx, dy] = view.mm_per_px;
-        // On a pad much thicker than the view is wide, no margin would do; one of half a view is not too slow.
+        // On a pad much thicker than the view is wide, no margin would be enough; half of the view is not too slow.
         let widest = (width.max(height) / 2).max(16);
-        // In whole pixels of the coarsest grid, so that a hair of thickness does not shift coarse grids against the view.
-        let margin_px =
-            ((MARGIN * layer.thickness_mm / dx.min(dy)).ceil() as usize).clamp(8, widest).next_multiple_of(4);
+        // A multiple of the coarsest grid's pixels, so that a tiny change of thickness does not shift coarse grids
+        // against the view.
+        let margin_px = ((MARGIN_THICKNESSES * layer.thickness_mm / dx.min(dy)).ceil() as usize)
+            .clamp(8, widest)
+            .next_multiple_of(4);
         let lattice = Lattice::new(elastic.resolution, [width, height].map(|size| size + 2 * margin_px));
-        let coarse_mm_per_px = view.mm_per_px.map(|pitch| pitch * lattice.factor as f64);
+        let coarse_mm_per_px = view.mm_per_px.map(|mm| mm * lattice.factor as f64);
         let window = lattice.size();
-        // Cutting the response off at so many thicknesses costs about the tolerance: the tail falls by 60 % with each.
-        // Contacts much wider than the pad is thick, which a wide window may hold, feel the tail more.
+        // Cutting off the response at this many thicknesses costs about the tolerance: the tail falls by 60 % with
+        // each. Contacts much wider than the pad is thick, which a wide window may hold, feel the tail more.
         let widest_mm = (0..2).map(|k| window[k] as f64 * coarse_mm_per_px[k]).fold(0.0, f64::max);
         let thicknesses =
             (libm::log(100.0 / elastic.tolerance_um) / 0.9 + 1.0).max(widest_mm / layer.thickness_mm / 1.5);
@@ -158,100 +161,111 @@ impl Pad {
             mm_per_px: view.mm_per_px,
             coarse_mm_per_px,
             layer,
-            response: Arc::new(Response::by(curve, coarse_mm_per_px, reach_mm, window, elastic.tolerance_um)),
-            coarser: elastic.coarser().map(|coarser| Box::new(Self::by(curve, &coarser, material, view))),
-            grids: Arc::default(),
-            object: None,
+            response: Arc::new(PressureResponse::with_curve(
+                curve,
+                coarse_mm_per_px,
+                reach_mm,
+                window,
+                elastic.tolerance_um,
+            )),
+            coarser: elastic
+                .coarser_settings()
+                .map(|coarser| Box::new(Self::with_curve(curve, &coarser, material, view))),
+            outside_grids: Arc::default(),
+            object_compliance: None,
         }
     }
 
-    /// The same pad of another Young's modulus, kPa: displacements do not depend on it.
+    /// Returns the pad with another Young's modulus, kPa; displacements do not depend on it.
     pub(crate) fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
         let coarser = self.coarser.as_ref().map(|coarser| Box::new(coarser.with_youngs_modulus(youngs_modulus_kpa)));
         Self { youngs_modulus_kpa, coarser, ..self.clone() }
     }
 
-    /// Displacement around one pressed pixel of the solver's grid, mm, for Young's modulus 1: lags from 0 up along x and
-    /// y, 0 beyond the last.
+    /// Returns the displacement around one pressed pixel of the solver's grid, mm, for Young's modulus 1: lags from 0
+    /// up along x and y, 0 beyond the last.
     pub fn kernel(&self) -> &Grid<f32> {
         self.response.kernel()
     }
 
-    /// See [`super::Pad::window`].
-    pub fn window(&self, depth_mm: f64) -> Window {
-        // Some tolerances more, because nobody can tell within them whether a bulge got there.
-        let bulge_mm = (BULGE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
-        Window { margin_px: self.margin_px, above_mm: (bulge_mm + self.taken_for_mm()).min(self.layer.thickness_mm) }
+    /// Returns the part of an object that the solver needs; see [`super::Pad::capture_window`].
+    pub fn capture_window(&self, depth_mm: f64) -> CaptureWindow {
+        // A few tolerances more, as the height of a bulge is only known within the tolerance.
+        let bulge_mm = (BULGE_SHARE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
+        CaptureWindow {
+            margin_px: self.margin_px,
+            above_mm: (bulge_mm + self.interpolation_slack_mm()).min(self.layer.thickness_mm),
+        }
     }
 
-    /// See [`super::Pad::higher`]. Over a pad's thickness above it nothing is looked for: linear theory has ended long
-    /// before.
-    pub(crate) fn higher(&self, window: Window, contact: &Contact) -> Option<Window> {
-        let spare_mm = 2e-3 * self.elastic.tolerance_um + self.taken_for_mm();
+    /// Returns a higher window if the pad bulged beyond `window`; see [`super::Pad::higher_window`]. It never reaches
+    /// higher than one thickness: linear theory has ended long before.
+    pub(crate) fn higher_window(&self, window: CaptureWindow, contact: &Contact) -> Option<CaptureWindow> {
+        let spare_mm = 2e-3 * self.elastic.tolerance_um + self.interpolation_slack_mm();
         let reached = f64::from(contact.bulge_mm) + spare_mm >= window.above_mm;
-        let higher = Window { above_mm: (2.0 * window.above_mm).min(self.layer.thickness_mm), ..window };
+        let higher = CaptureWindow { above_mm: (2.0 * window.above_mm).min(self.layer.thickness_mm), ..window };
         (reached && higher.above_mm > window.above_mm).then_some(higher)
     }
 
-    /// Where the surface is interpolated, what is captured this close to it is taken for the object: no object at all
-    /// must stay further away, mm.
-    fn taken_for_mm(&self) -> f64 {
-        if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.close_mm()) }
+    /// Returns the distance to an interpolated surface below which the object counts as touching, mm: the window must
+    /// reach higher than the surface by this much.
+    fn interpolation_slack_mm(&self) -> f64 {
+        if self.elastic.resolution == Resolution::Full { 0.0 } else { f64::from(self.contact_gap_mm()) }
     }
 
-    /// Presses the object into the pad, with the friction that there is.
+    /// Presses the object into the pad, with the pad's friction.
     pub fn press(&self, depth: &Depth) -> Contact {
-        self.press_with(depth, None)
+        self.press_with_outside(depth, None)
     }
 
-    /// The same with what touches beyond the window.
-    pub fn press_with(&self, depth: &Depth, beyond: Option<&Beyond>) -> Contact {
-        let beyond = beyond.and_then(|beyond| beyond.displacement.as_ref());
-        let drag = self.drag(depth, beyond);
-        self.press_into(depth, Given { beyond, drag: drag.as_ref() })
+    /// Presses the object into the pad, with its friction and the contact outside the window.
+    pub fn press_with_outside(&self, depth: &Depth, outside: Option<&OutsideWindow>) -> Contact {
+        let outside = outside.and_then(|outside| outside.displacement.as_ref());
+        let drag = self.solve_friction(depth, outside);
+        self.press_displaced_pad(depth, PriorDisplacement { outside, friction: drag.as_ref() })
     }
 
-    /// Presses the object into a pad that is displaced already.
-    pub(crate) fn press_into(&self, depth: &Depth, given: Given<'_>) -> Contact {
+    /// Presses the object into a pad with the displacements `prior`.
+    pub(crate) fn press_displaced_pad(&self, depth: &Depth, prior: PriorDisplacement<'_>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
         let solved = Numerics { residual_um: Some(0.0), model_error_um: Ok(0.0), ..Numerics::DIRECT };
-        let mut contact = untouched(width, height, Some(0.0), solved);
-        if depth.touching.is_empty() && given.beyond.is_none() {
+        let mut contact = no_contact(width, height, Some(0.0), solved);
+        if depth.touching.is_empty() && prior.outside.is_none() {
             return contact;
         }
-        self.press_in(depth, given, &mut contact);
+        self.solve_press(depth, prior, &mut contact);
         contact
     }
 
-    fn press_in(&self, depth: &Depth, given: Given<'_>, contact: &mut Contact) {
-        let lattice = self.lattice(depth);
-        let Thinned { penetration, cut } = &mut self.thinned(depth, lattice);
+    fn solve_press(&self, depth: &Depth, prior: PriorDisplacement<'_>, contact: &mut Contact) {
+        let lattice = self.solver_lattice(depth);
+        let DownsampledObject { penetration, partial_pixels: cut } = &mut self.downsample_object(depth, lattice);
         let object = if lattice.factor == 1 { &depth.penetration } else { &*penetration };
-        // The pressure has to do what is not done yet.
+        // Displacements that are already there reduce what the pressure has to do.
         let mut left = Cow::Borrowed(object);
-        if !given.is_nothing() {
-            given.add_to(left.to_mut(), self.placed(depth, lattice), lattice, [0; 2], -1.0);
+        if !prior.is_empty() {
+            prior.add_to(left.to_mut(), self.grid_placement(depth, lattice), lattice, [0; 2], -1.0);
         }
         let corner = depth.margin_px - SURFACE_BORDER;
         let (width, height) = (contact.surface.width, contact.surface.height);
         let seen = Rect { x0: corner, y0: corner, x1: corner + width, y1: corner + height };
-        let mut solution = self.solve(&left, cut, lattice.box_around(seen), None);
-        solution.settle(&left, cut);
-        let Rect { x0, y0, .. } = solution.seen;
-        given.add_to(&mut solution.displacement, self.placed(depth, lattice), lattice, [x0, y0], 1.0);
-        solution.converged &= given.drag.is_none_or(|drag| drag.converged);
-        if let Some(beyond) = given.beyond {
-            contact.surface = beyond.crop(seen);
+        let mut solution = self.solve_contact(&left, cut, lattice.coarse_box_around(seen), None);
+        solution.settle_stopped_pixels(&left, cut);
+        let Rect { x0, y0, .. } = solution.known_box;
+        prior.add_to(&mut solution.displacement, self.grid_placement(depth, lattice), lattice, [x0, y0], 1.0);
+        solution.converged &= prior.friction.is_none_or(|drag| drag.converged);
+        if let Some(outside) = prior.outside {
+            contact.surface = outside.crop(seen);
         }
         contact.bulge_mm = solution.displacement.largest(|w| -w);
-        self.fill(&solution, depth, (object, cut), seen, lattice, contact);
-        let edge = ContactEdge::of(&contact.mask, &depth.penetration, depth.margin_px, self.mm_per_px);
+        self.fill_contact(&solution, depth, (object, cut), seen, lattice, contact);
+        let edge = ContactEdge::from_mask(&contact.mask, &depth.penetration, depth.margin_px, self.mm_per_px);
         let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
         let error_mm =
             edge.map_or(Ok(0.0), |edge| model_error_mm(deepest_mm, thickness_mm, edge, self.elastic.friction));
-        if let Some(drag) = given.drag {
-            drag.stiffen(contact, thickness_mm, edge);
+        if let Some(drag) = prior.friction {
+            drag.apply_stick_stiffening(contact, thickness_mm, edge);
         }
         contact.numerics = Numerics {
             converged: solution.converged,
@@ -259,23 +273,23 @@ impl Pad {
             residual_um: Some(f64::from(solution.residual_mm) * 1e3),
             model_error_um: error_mm.map(|mm| 1e3 * mm),
         };
-        contact.load = self.load(&mut solution, depth, lattice);
+        contact.load = self.extract_load(&mut solution, depth, lattice);
     }
 
-    /// The object on the solver's grid.
-    fn thinned(&self, depth: &Depth, lattice: Lattice) -> Thinned {
-        Thinned::new(lattice, depth, self.mm_per_px, self.response.kernel().at(0, 0))
+    /// Returns the object on the solver's grid.
+    fn downsample_object(&self, depth: &Depth, lattice: Lattice) -> DownsampledObject {
+        DownsampledObject::new(lattice, depth, self.mm_per_px, self.response.kernel().at(0, 0))
     }
 
-    /// The points on which the solver works.
-    fn lattice(&self, depth: &Depth) -> Lattice {
+    /// Returns the solver's grid over a depth map.
+    fn solver_lattice(&self, depth: &Depth) -> Lattice {
         Lattice::new(self.elastic.resolution, [depth.penetration.width, depth.penetration.height])
     }
 
-    /// The solution's pressure, and where it acts. `None` without contact.
-    fn load(&self, solution: &mut Solution, depth: &Depth, lattice: Lattice) -> Option<Load> {
+    /// Takes the pressure out of a solution, with its position. `None` without contact.
+    fn extract_load(&self, solution: &mut ContactSolution, depth: &Depth, lattice: Lattice) -> Option<Load> {
         let (fine, corner) = ([depth.penetration.width, depth.penetration.height], solution.contact_box);
-        let centre_mm = |coarse: usize, k: usize| self.centre_mm(lattice, coarse, fine[k], k);
+        let centre_mm = |coarse: usize, k: usize| self.pixel_centre_mm(lattice, coarse, fine[k], k);
         let touches = solution.pressure.data.iter().any(|p| *p > 0.0);
         touches.then(|| Load {
             pressure: std::mem::take(&mut solution.pressure),
@@ -284,59 +298,68 @@ impl Pad {
         })
     }
 
-    /// Where a pixel of the solver's grid lies: from the middle of the view, which is the middle of the window.
-    fn centre_mm(&self, lattice: Lattice, coarse: usize, fine: usize, k: usize) -> f64 {
-        (lattice.centre(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
+    /// Returns the position of a pixel of the solver's grid, mm from the centre of the view, which is the centre of the
+    /// window.
+    fn pixel_centre_mm(&self, lattice: Lattice, coarse: usize, fine: usize, k: usize) -> f64 {
+        (lattice.centre_px(coarse, k) + 0.5 - fine as f64 / 2.0) * self.mm_per_px[k]
     }
 
-    /// Solves for the contact within `penetration`, some of whose pixels are cut by walls, and for the displacement in
-    /// `seen` at least, beginning with the pressure of `like`, if there is one.
-    fn solve(&self, penetration: &Grid<f32>, cut: &mut [CutPixel], seen: Rect, like: Option<&Solution>) -> Solution {
+    /// Solves for the contact with `penetration`, some of whose pixels are cut by walls, and for the displacement in
+    /// `seen` at least. The solver begins with the pressure of `like`, if there is one.
+    fn solve_contact(
+        &self,
+        penetration: &Grid<f32>,
+        cut: &mut [PartialPixel],
+        seen: Rect,
+        like: Option<&ContactSolution>,
+    ) -> ContactSolution {
         let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
         let whole = Rect::whole(penetration.width, penetration.height);
         let mut touching = bounding_box(penetration, |g| g > 0.0);
-        let mut solution = Solution {
+        let mut solution = ContactSolution {
             contact_box: Rect::default(),
             pressure: Grid::default(),
-            seen,
+            known_box: seen,
             displacement: Grid::default(),
             converged: true,
             iterations: 0,
             residual_mm: 0.0,
         };
         if touching.is_empty() {
-            // The object touches between the pixels of the solver's grid only.
+            // The object touches only between the pixels of the solver's grid.
             solution.displacement.reset(seen.width(), seen.height());
             return solution;
         }
-        // A press shallower than the tolerance would be solved before it began, whatever its pressure.
+        // A press shallower than the tolerance would count as solved from the beginning, whatever its pressure.
         let deepest = penetration.largest(|g| g);
-        let goal = tolerance.min(SHALLOW * deepest);
+        let goal = tolerance.min(MAX_TOLERANCE_SHARE * deepest);
         let touching_px = simd_dispatch(
             #[inline(always)]
-            || count(penetration.data.iter().map(|g| *g > 0.0)),
+            || count_true(penetration.data.iter().map(|g| *g > 0.0)),
         );
         let area = f64::from(touching_px) * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
+        // Waves longer than the contact count as one in the preconditioner: within the contact they look alike.
         let cutoff = std::f64::consts::PI / libm::sqrt(area);
-        // Pile-up may meet the object where it does not reach below the untouched pad: the box grows to hold it.
+        // A bulge may touch the object outside the box of positive penetration; the box then grows to contain it.
         const MOST_BOXES: u32 = 12;
-        let (mut memory, mut scratch) = (Memory::default(), Scratch::default());
+        let (mut memory, mut scratch) = (OperatorBuffers::default(), SolverBuffers::default());
         for round in 0..MOST_BOXES {
+            // Room for the contact to grow into: a bulge beside the object may touch it.
             let room = 4 + touching.width().min(touching.height()) / 32;
             let contact_box = touching.grown(room, whole.x1, whole.y1);
             let operator = self.response.operator(contact_box, contact_box);
             operator.prepare(&mut memory);
-            operator.prepare_undo(cutoff, &mut memory);
+            operator.prepare_inverse(cutoff, &mut memory);
             let mut problem = ContactProblem {
                 operator: &operator,
-                softest: self.response.softest() as f32,
+                largest_compliance: self.response.largest_compliance() as f32,
                 penetration: penetration.crop(contact_box),
-                cut: Vec::new(),
-                own: self.response.kernel().at(0, 0),
+                partial_pixels: Vec::new(),
+                own_response: self.response.kernel().at(0, 0),
                 tolerance_mm: goal,
                 max_iterations: self.elastic.max_iterations - solution.iterations.min(self.elastic.max_iterations),
             };
-            problem.place(cut, contact_box);
+            problem.take_partial_pixels(cut, contact_box);
             let mut pressure = Grid::default();
             let large = touching.area() > COARSER_FROM_PX;
             if let Some(like) = like.filter(|_| round == 0) {
@@ -345,54 +368,56 @@ impl Pad {
             } else if round == 0
                 && let Some(coarser) = self.coarser.as_ref().filter(|_| large)
             {
-                pressure = coarser.guess(penetration, contact_box);
-                problem.refine(&mut pressure);
+                pressure = coarser.guess_pressure(penetration, contact_box);
+                problem.refine_guess(&mut pressure);
             } else if round == 0 {
-                problem.guess(&mut pressure);
+                problem.guess_pressure(&mut pressure);
             } else {
                 pressure.reset(contact_box.width(), contact_box.height());
                 pressure.paste(&solution.pressure, solution.contact_box, contact_box);
             }
-            let Outcome { iterations, residual_mm } = problem.solve(&mut pressure, &mut scratch, &mut memory);
-            problem.note_stopped(cut, contact_box);
+            let SolverOutcome { iterations, residual_mm } = problem.solve(&mut pressure, &mut scratch, &mut memory);
+            problem.note_stopped_pixels(cut, contact_box);
             solution.iterations += iterations;
             solution.contact_box = contact_box;
             solution.pressure = pressure;
 
-            let all = contact_box.united(seen);
-            solution.seen = all;
+            let all = contact_box.union(seen);
+            solution.known_box = all;
             if all == contact_box {
                 solution.displacement.clone_from(&scratch.displacement);
-                problem.take_back(&solution.pressure, &mut solution.displacement);
+                problem.subtract_compression(&solution.pressure, &mut solution.displacement);
             } else {
                 let operator = self.response.operator(contact_box, all);
                 operator.prepare(&mut memory);
                 operator.displace(&solution.pressure, &mut memory, &mut solution.displacement);
             }
-            let missed = solution.check(penetration, cut, 2.0 * tolerance);
-            // In a view wider than the contact the displacement was computed anew, without the rounding of all steps.
+            let missed = solution.check_conditions(penetration, cut, 2.0 * tolerance);
+            // In a view wider than the contact, the displacement was computed anew, so that it lacks the accumulated
+            // rounding.
             let solved = residual_mm <= tolerance && solution.residual_mm <= 2.0 * tolerance;
             solution.converged = solved && missed.is_empty();
             if missed.is_empty() || solution.iterations >= self.elastic.max_iterations {
                 break;
             }
-            touching = touching.united(missed);
+            touching = touching.union(missed);
         }
         solution
     }
 
-    /// A guess of the pressure on a grid twice as fine as this pad's, within its box `part`: the solution on this one.
-    fn guess(&self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
+    /// Guesses the pressure on a grid twice as fine as this pad's, within its box `part`, from the solution on this
+    /// pad's grid.
+    fn guess_pressure(&self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
-        let penetration = lattice.thin_out(fine, self.mm_per_px);
-        let solution = self.solve(&penetration, &mut [], Rect::default(), None);
+        let penetration = lattice.downsample(fine, self.mm_per_px);
+        let solution = self.solve_contact(&penetration, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
-            let enlarge = |values, shape, out| lattice.enlarge(values, solution.contact_box, part, shape, out);
-            enlarge(&solution.pressure, Shape::Linear, &mut pressure);
+            let enlarge = |values, shape, out| lattice.upsample(values, solution.contact_box, part, shape, out);
+            enlarge(&solution.pressure, Interpolation::Linear, &mut pressure);
             let mut surface = Grid::default();
-            enlarge(&solution.displacement, Shape::Cubic, &mut surface);
-            let close = self.close_mm();
+            enlarge(&solution.displacement, Interpolation::Cubic, &mut surface);
+            let close = self.contact_gap_mm();
             for y in 0..part.height() {
                 let object = &fine.row(part.y0 + y)[part.x0..part.x1];
                 for ((p, w), g) in pressure.row_mut(y).iter_mut().zip(surface.row(y)).zip(object) {
@@ -403,8 +428,8 @@ impl Pad {
         pressure
     }
 
-    /// An interpolated surface that is no further than this from the object may touch it, mm.
-    fn close_mm(&self) -> f32 {
+    /// Returns the gap below which an interpolated surface may touch the object, mm.
+    fn contact_gap_mm(&self) -> f32 {
         0.1 * self.coarse_mm_per_px[0].min(self.coarse_mm_per_px[1]) as f32
     }
 }

@@ -1,37 +1,39 @@
-//! How far the linear layer is from a real one: laws fitted to finite elements.
+//! Estimates the difference between the linear layer and a real one, from fits to finite elements.
 //!
-//! Against neo-Hookean finite elements (frictionless, h = 3 mm, nu = 0.48; `tests/oracle/finite_elements.py`) the largest error
-//! of the surface within 2 mm of the contact is, as a share of the depth d,
+//! Compared with neo-Hookean finite elements (frictionless, h = 3 mm, nu = 0.48; `tests/oracle/finite_elements.py`),
+//! the largest error of the surface within 2 mm of the contact is, as a share of the depth d,
 //!
 //! ```text
 //! 1 / (1 / (A m^a) + 1 / (B s^b)) + C s^2 u^2
 //! ```
 //!
-//! with the slope m of the object at the contact's edge where that is gentle, with the strain s = d / h alone where it is a wall,
-//! and more under contacts that are wide beside the pad's thickness: u is their area over their perimeter and h. On a curved
-//! pad t^2 D is added, with the slope t of the pad at rest where the contact ends.
+//! Where the object's slope m at the contact's edge is gentle, the slope decides; where the edge is a wall, the strain
+//! s = d / h decides alone. Contacts that are wide compared to the pad's thickness add the last term; u is the
+//! contact's area over its perimeter and h. On a curved pad t^2 D is added, with the slope t of the pad at rest at the
+//! contact's edge.
 //!
-//! A layer that sticks to the object, against finite elements that do (`tests/oracle/sticking_elements.py`), is off by as much
-//! with other numbers, and the last term C u^3: under wide contacts points stick where they were moved to before they touched,
-//! at any strain. Its force is too small: by [`force_over_linear`].
+//! For a layer that sticks to the object, compared with finite elements that stick
+//! (`tests/oracle/sticking_elements.py`), the same formula holds with other numbers, and with C u^3 as the last term:
+//! under wide contacts, points stick where they were moved to before they touched, at any strain. The linear layer's
+//! force is too small then, by [`force_over_linear`].
 
-use super::LARGEST_STRAIN;
+use super::MAX_STRAIN;
 use super::shear::Friction;
 use crate::base::grid::Grid;
-use crate::base::simd::{count, largest, simd_dispatch};
+use crate::base::simd::{count_true, largest_value, simd_dispatch};
 use crate::base::view::SURFACE_BORDER;
 
-/// The numbers of the law for one kind of contact.
-struct Law {
-    /// A and a: of an edge as gentle as a ball's.
+/// The fitted numbers for one kind of contact.
+struct ErrorFit {
+    /// A and a: for an edge as gentle as a ball's.
     gentle: [f64; 2],
-    /// B and b: of a wall.
+    /// B and b: for a wall.
     wall: [f64; 2],
-    /// What wide contacts add: of strain, area over perimeter, and thickness.
+    /// Term of wide contacts, as a function of strain, area over perimeter (mm), and thickness (mm).
     wide: fn(f64, f64, f64) -> f64,
 }
 
-const FRICTIONLESS: Law = Law {
+const FRICTIONLESS: ErrorFit = ErrorFit {
     gentle: [0.0233, 1.74],
     wall: [1.013, 1.59],
     wide: |strain, width_mm, thickness_mm| {
@@ -39,40 +41,41 @@ const FRICTIONLESS: Law = Law {
         0.0341 * wide * wide
     },
 };
-const STICKING: Law = Law {
+const STICKING: ErrorFit = ErrorFit {
     gentle: [0.013, 1.409],
     wall: [0.301, 1.413],
     wide: |_, width_mm, thickness_mm| {
-        let width = (width_mm / thickness_mm).min(WIDEST);
+        let width = (width_mm / thickness_mm).min(WIDEST_STICKING);
         0.0172 * width * width * width
     },
 };
 
-/// u of the widest contact that sticks in the finite elements' table: wider ones count as this wide.
-const WIDEST: f64 = 1.5;
+/// Largest u of the contacts that stick in the finite elements' table; wider ones count as this wide.
+const WIDEST_STICKING: f64 = 1.5;
 
-/// By how much the force of a contact that sticks exceeds the linear layer's.
-const STIFFER: f64 = 10.6;
-/// The width u at which half of that has come.
-const STIFFER_FROM: f64 = 1.72;
+/// Factor of the force by which a contact that sticks exceeds the linear layer's; see [`force_over_linear`].
+const STICK_STIFFENING: f64 = 10.6;
+/// The width u at which half of the factor is reached.
+const STIFFENING_HALF_WIDTH: f64 = 1.72;
 
-/// D: of a curved pad.
-const CURVED: f64 = 1.2;
+/// D: the term of a curved pad.
+const CURVATURE_FACTOR: f64 = 1.2;
 
-/// Where the contact in view ends.
+/// The edge of the contact in view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactEdge {
-    /// The steepest slope of the object from a pixel that touches to one beside it that does not. Beside a wall there
-    /// is no object, and the slope is as large as pixels are fine.
+    /// The steepest slope of the object from a pixel in contact to a neighbour that is not. Beside a wall there is no
+    /// object, and the slope is limited only by the pixel size.
     pub slope: f64,
-    /// The contact's area over its perimeter, mm: half the radius of a disc.
+    /// The contact's area over its perimeter, mm; half the radius for a disc.
     pub area_over_perimeter_mm: f64,
 }
 
 impl ContactEdge {
-    /// That of a contact mask. `penetration` has `margin_px` more on every side. `None` if no pixel in view is at the edge.
-    pub fn of(mask: &Grid<u8>, penetration: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
-        let per_px = mm_per_px.map(|pitch| (1.0 / pitch) as f32);
+    /// Measures the edge of a contact mask. `penetration` has `margin_px` more on every side. `None` if no pixel in
+    /// view is at the edge.
+    pub fn from_mask(mask: &Grid<u8>, penetration: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
+        let per_px = mm_per_px.map(|mm| (1.0 / mm) as f32);
         let object = |y: usize| &penetration.row(y + margin_px)[margin_px..][..mask.width];
         let (mut slope, mut touching_px, mut sides) = (0.0_f32, 0_u64, [0_u64; 2]);
         let nothing = vec![0; mask.width];
@@ -86,15 +89,15 @@ impl ContactEdge {
             let (many, along, down) = simd_dispatch(
                 #[inline(always)]
                 || {
-                    let many = count(touching.iter().map(|value| *value != 0));
-                    (many, differing((touching, here), after), differing((touching, here), below))
+                    let many = count_true(touching.iter().map(|value| *value != 0));
+                    (many, compare_lines((touching, here), after), compare_lines((touching, here), below))
                 },
             );
             touching_px += u64::from(many);
             sides = [sides[0] + down.0, sides[1] + along.0];
             slope = slope.max(along.1 * per_px[0]).max(down.1 * per_px[1]);
         }
-        // The sides of pixels are longer than a smooth outline: by 4 / pi for a disc.
+        // The sides of pixels are longer than a smooth outline, by 4 / pi for a disc.
         let sides_mm = sides[0] as f64 * mm_per_px[0] + sides[1] as f64 * mm_per_px[1];
         let area = touching_px as f64 * mm_per_px[0] * mm_per_px[1];
         (sides_mm > 0.0).then(|| Self {
@@ -104,53 +107,54 @@ impl ContactEdge {
     }
 }
 
-/// In how many places the masks of two lines differ, and by how much their heights do there at most.
+/// Counts the places where the masks of two lines differ, and returns the largest difference of their heights there.
 #[inline(always)]
-fn differing(a: (&[u8], &[f32]), b: (&[u8], &[f32])) -> (u64, f32) {
+fn compare_lines(a: (&[u8], &[f32]), b: (&[u8], &[f32])) -> (u64, f32) {
     let masks = || a.0.iter().zip(b.0).map(|(a, b)| a != b);
     let steps = masks().zip(a.1.iter().zip(b.1)).map(|(differ, (a, b))| if differ { (a - b).abs() } else { 0.0 });
-    (u64::from(count(masks())), largest(steps))
+    (u64::from(count_true(masks())), largest_value(steps))
 }
 
-impl Law {
+impl ErrorFit {
     fn error_mm(&self, depth_mm: f64, thickness_mm: f64, edge: ContactEdge) -> f64 {
         let strain = (depth_mm / thickness_mm).max(0.0);
         let gentle = self.gentle[0] * libm::pow(edge.slope.max(0.0), self.gentle[1]);
         let wall = self.wall[0] * libm::pow(strain, self.wall[1]);
+        // A harmonic sum: the smaller of the two errors decides.
         let beside = if gentle > 0.0 && wall > 0.0 { 1.0 / (1.0 / gentle + 1.0 / wall) } else { 0.0 };
         depth_mm * (beside + (self.wide)(strain, edge.area_over_perimeter_mm, thickness_mm))
     }
 }
 
-/// u of the widest contact that the law is used for: the widest of the finite elements' tables is 1.92, as it is measured here.
+/// Largest u for which the fits are used; the widest contact in the finite elements' tables has 1.92, measured as here.
 const WIDEST_KNOWN: f64 = 2.0;
 
-/// Why the error of a contact is not known.
+/// Reason why the error of a contact is not known: it is too deep.
 pub const TOO_DEEP: &str =
     "the object is pressed deeper than half of the pad's thickness, where the law for this error ends";
-/// The same.
+/// Reason why the error of a contact is not known: it is too wide.
 pub const TOO_WIDE: &str = "the contact, as far as it is in view, is wider beside the pad's thickness than those that the law for this error was fitted to";
 
-/// Largest error expected of the surface within 2 mm of the contact, mm: of an object `depth_mm` deep whose contact ends so.
-/// Where the contact slips in parts, the larger one of what is expected without friction and of what is if nothing slips.
+/// Returns the largest expected error of the surface within 2 mm of the contact, mm, for an object `depth_mm` deep.
+/// With Coulomb friction it is the larger one of the errors without friction and with full stick.
 ///
 /// # Errors
 ///
-/// [`TOO_DEEP`] and [`TOO_WIDE`], outside of what the law was fitted to: it grows with the square of the width, and a contact of
-/// which hardly an edge is in view would be off by metres.
+/// [`TOO_DEEP`] and [`TOO_WIDE`] outside the range of the fits. The error grows with the square of the width; a contact
+/// with hardly any edge in view would get an error of metres.
 pub fn model_error_mm(
     depth_mm: f64,
     thickness_mm: f64,
     edge: ContactEdge,
     friction: Option<Friction>,
 ) -> Result<f64, &'static str> {
-    if depth_mm > LARGEST_STRAIN * thickness_mm {
+    if depth_mm > MAX_STRAIN * thickness_mm {
         return Err(TOO_DEEP);
     }
     if edge.area_over_perimeter_mm > WIDEST_KNOWN * thickness_mm {
         return Err(TOO_WIDE);
     }
-    let of = |law: Law| law.error_mm(depth_mm, thickness_mm, edge);
+    let of = |fit: ErrorFit| fit.error_mm(depth_mm, thickness_mm, edge);
     Ok(match friction {
         None => of(FRICTIONLESS),
         Some(Friction::Stick) => of(STICKING),
@@ -158,22 +162,22 @@ pub fn model_error_mm(
     })
 }
 
-/// Force of a contact that sticks over that of the linear layer: 1 + 10.6 e^2 u / (u + 1.72), with the mean displacement in the
-/// contact over the pad's thickness e, and the contact's area over its perimeter and that thickness u. Without an edge in view
-/// the contact is as wide as can be.
+/// Returns the ratio of a sticking contact's force to the linear layer's: 1 + 10.6 e^2 u / (u + 1.72). Here e is the
+/// mean displacement in the contact over the pad's thickness, and u the contact's area over its perimeter and that
+/// thickness. Without an edge in view, the contact counts as infinitely wide.
 pub fn force_over_linear(mean_mm: f64, thickness_mm: f64, edge: Option<ContactEdge>) -> f64 {
     let strain = mean_mm / thickness_mm;
     let confined = edge.map_or(1.0, |edge| {
         let width = edge.area_over_perimeter_mm / thickness_mm;
-        width / (width + STIFFER_FROM)
+        width / (width + STIFFENING_HALF_WIDTH)
     });
-    1.0 + STIFFER * strain * strain * confined
+    1.0 + STICK_STIFFENING * strain * strain * confined
 }
 
-/// What is added on a curved pad, mm. `drop_mm` is how far it lies below its highest point, with [`SURFACE_BORDER`]
-/// around the mask.
+/// Returns the error that a curved pad adds, mm. `drop_mm` is how far the pad lies below its highest point, with
+/// [`SURFACE_BORDER`] around the mask.
 pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, mm_per_px: [f64; 2]) -> f64 {
-    let per_px = mm_per_px.map(|pitch| (0.5 / pitch) as f32);
+    let per_px = mm_per_px.map(|mm| (0.5 / mm) as f32);
     let slope_squared = |x: usize, y: usize| {
         let row = |down: usize| &drop_mm.row(y + SURFACE_BORDER + down - 1)[SURFACE_BORDER - 1..];
         let (upper, here, lower) = (row(0), row(1), row(2));
@@ -183,7 +187,7 @@ pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, m
     let mut steepest_squared = 0.0_f64;
     for y in 0..mask.height {
         let touching = mask.row(y);
-        let (above, below) = (touching_in(mask, y.checked_sub(1)), touching_in(mask, Some(y + 1)));
+        let (above, below) = (mask_in_row(mask, y.checked_sub(1)), mask_in_row(mask, Some(y + 1)));
         for x in 0..mask.width {
             let beside = [x.checked_sub(1).map(|x| touching[x]), touching.get(x + 1).copied(), above(x), below(x)];
             if beside.into_iter().flatten().any(|other| other != touching[x]) {
@@ -191,20 +195,20 @@ pub fn curvature_error_mm(depth_mm: f64, mask: &Grid<u8>, drop_mm: &Grid<f32>, m
             }
         }
     }
-    depth_mm * CURVED * steepest_squared
+    depth_mm * CURVATURE_FACTOR * steepest_squared
 }
 
-/// Of a gel that is as thick everywhere on a curved core: error under a contact that turns with the gel by so much, per rad and
-/// depth.
-const TURNED: f64 = 0.2;
-/// The share of a flat layer's error that is left at least where both errors cancel each other.
-const UNCANCELLED: f64 = 0.5;
+/// Error on a gel of even thickness over a curved core, per depth and per radian by which the gel turns under the
+/// contact.
+const TURN_FACTOR: f64 = 0.2;
+/// Least share of a flat layer's error that remains where both errors cancel each other.
+const MIN_FLAT_SHARE: f64 = 0.5;
 
-/// Force of a contact on a gel that is as thick everywhere, over a core of a mean curvature, over that of the same contact on a
-/// flat layer: material narrows towards a core that is bent outwards, as if the layer were thicker by 1 / (1 - h c). A force
-/// begins with that of a half-space times 1 + C a / h for a contact of radius a, C being that of Dimitriadis et al. (2002), so
-/// that 1 / (1 + C a c) is left. Of cores that are hollow nothing is known: they count as flat; and a gel that is thicker
-/// than its core's radius of curvature has none left.
+/// Returns the ratio of a contact's force on a gel of even thickness over a curved core to that on a flat layer. The
+/// material narrows towards a core that is bent outwards, as if the layer were thicker by 1 / (1 - h c), where c is the
+/// core's mean curvature. The force begins as that of a half-space times 1 + C a / h, with the contact's radius a and C
+/// of Dimitriadis et al. (2002), so the ratio is 1 / (1 + C a c). Nothing is known of hollow cores: they count as flat.
+/// The curvature is limited to 1 / h: a thicker gel would leave no core.
 pub fn force_on_core(radius_mm: f64, curvature_per_mm: f64, thickness_mm: f64, poisson_ratio: f64) -> f64 {
     let bent = curvature_per_mm.min(1.0 / thickness_mm).max(0.0);
     let nu = poisson_ratio;
@@ -212,21 +216,21 @@ pub fn force_on_core(radius_mm: f64, curvature_per_mm: f64, thickness_mm: f64, p
     1.0 / (1.0 + per_radius * radius_mm * bent)
 }
 
-/// Largest error expected of the surface of such a gel, mm, whose flat layer's is `flat_mm`, under a contact of so many radians
-/// from its middle to its edge. The core's lowers the pad beside the contact, large strains raise it: within a factor of 2.3 of 16
-/// presses on domes.
+/// Returns the largest expected error of the surface on a curved core, mm. `flat_mm` is a flat layer's error,
+/// `turn_rad` the angle of the gel from the contact's centre to its edge. The core lowers the pad beside the contact,
+/// large strains raise it. The estimate is within a factor of 2.3 of 16 presses on domes.
 pub fn error_on_core_mm(flat_mm: f64, depth_mm: f64, turn_rad: f64) -> f64 {
-    (TURNED * depth_mm * turn_rad - flat_mm).abs().max(UNCANCELLED * flat_mm)
+    (TURN_FACTOR * depth_mm * turn_rad - flat_mm).abs().max(MIN_FLAT_SHARE * flat_mm)
 }
 
-/// The mask in a row, if there is one.
-fn touching_in(mask: &Grid<u8>, row: Option<usize>) -> impl Fn(usize) -> Option<u8> {
+/// Returns the mask in a row, if there is one.
+fn mask_in_row(mask: &Grid<u8>, row: Option<usize>) -> impl Fn(usize) -> Option<u8> {
     let row = row.filter(|row| *row < mask.height);
     move |x| row.map(|row| mask.at(x, row))
 }
 
-/// Root mean square of the error within 2 mm of the contact where the largest is `largest_mm`: 0.29 to 0.90 of it in the
-/// table, least beside walls.
+/// Estimates the root mean square of the error within 2 mm of the contact from the largest error: 0.29 to 0.90 of it in
+/// the finite elements' table, least beside walls.
 pub fn ring_rms_mm(largest_mm: f64, depth_mm: f64) -> f64 {
     if depth_mm > 0.0 { 0.68 * largest_mm / (1.0 + 4.0 * largest_mm / depth_mm) } else { 0.0 }
 }
@@ -249,14 +253,14 @@ mod tests {
         penetration.data = rows.as_flattened().to_vec();
         let mut mask = Grid::new(3, 3);
         mask.data = vec![255, 255, 0, 255, 255, 0, 0, 0, 0];
-        let edge = ContactEdge::of(&mask, &penetration, 1, [0.1, 0.2]).expect("an edge");
+        let edge = ContactEdge::from_mask(&mask, &penetration, 1, [0.1, 0.2]).expect("an edge");
         // 0.4 mm over 0.2 mm down, 0.1 mm over 0.1 mm to the right.
         assert!((edge.slope - 2.0).abs() < 1e-6, "{edge:?}");
         // Four pixels of 0.1 mm x 0.2 mm, two sides of 0.2 mm and two of 0.1 mm.
         assert!((edge.area_over_perimeter_mm - 0.08 / (0.6 * std::f64::consts::FRAC_PI_4)).abs() < 1e-9, "{edge:?}");
         for without in [255, 0] {
             mask.data.fill(without);
-            assert_eq!(ContactEdge::of(&mask, &penetration, 1, [0.1, 0.2]), None);
+            assert_eq!(ContactEdge::from_mask(&mask, &penetration, 1, [0.1, 0.2]), None);
         }
     }
 
@@ -268,7 +272,7 @@ mod tests {
                 mask.row_mut(y)[x] = if x.abs_diff(50).pow(2) + y.abs_diff(50).pow(2) < 1600 { 255 } else { 0 };
             }
         }
-        let edge = ContactEdge::of(&mask, &Grid::new(100, 100), 0, [0.05; 2]).expect("an edge");
+        let edge = ContactEdge::from_mask(&mask, &Grid::new(100, 100), 0, [0.05; 2]).expect("an edge");
         assert!((edge.area_over_perimeter_mm - 1.0).abs() < 0.03, "{edge:?}");
     }
 

@@ -1,4 +1,4 @@
-//! Between the camera's grid and one that is coarser by a whole factor ([`super::lattice`]).
+//! Resampling between the camera's grid and one that is coarser by an integer factor ([`super::lattice`]).
 
 use std::ops::Range;
 
@@ -6,23 +6,24 @@ use super::lattice::Lattice;
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
 
-/// How much lower the object may be around four pixels, in their size, to be taken for round.
-const ROUND: f32 = 0.5;
+/// Drop of the object around four pixels, in pixel sizes, below which it counts as round.
+const ROUND_DROP: f32 = 0.5;
 
 impl Lattice {
-    /// The overlap at the coarse pixels' centres: a fine pixel's, or what is between those around, of which only what is below
-    /// the pad's plane counts; where all are above it, the lowest. How high the object was captured does not matter.
-    /// `mm_per_px` is the size of a fine pixel.
-    pub fn thin_out(self, fine: &Grid<f32>, mm_per_px: [f64; 2]) -> Grid<f32> {
+    /// Returns the penetration at the coarse pixels' centres: that of a fine pixel there, or the mean of those around
+    /// the centre, in which only positive values count; where none is positive, the largest. So the result does not
+    /// depend on how high the object was captured. `mm_per_px` is the size of a fine pixel.
+    pub fn downsample(self, fine: &Grid<f32>, mm_per_px: [f64; 2]) -> Grid<f32> {
         let [width, height] = self.size();
-        let between = self.at_centre(0, 0).len() == 2 && self.at_centre(0, 1).len() == 2;
+        let between = self.fine_at_centre(0, 0).len() == 2 && self.fine_at_centre(0, 1).len() == 2;
         let step_mm = mm_per_px[0].min(mm_per_px[1]) as f32;
-        // At a fine pixel's own place nothing is added.
-        let per_step = if between { 1.0 / (ROUND * step_mm) } else { f32::INFINITY };
-        self.centres(fine, Rect::whole(width, height), |inner, outer| {
+        // If a fine pixel lies at the centre, nothing is added.
+        let per_step = if between { 1.0 / (ROUND_DROP * step_mm) } else { f32::INFINITY };
+        self.map_centres(fine, Rect::whole(width, height), |inner, outer| {
             let [a, b, c, d] = inner.map(|g| if g > 0.0 { g } else { 0.0 });
             let mean = 0.25 * ((a + b) + (c + d));
-            // A mean of four is below a round object's top. Those around them tell by how much, unless the object ends there.
+            // The mean of four pixels is below a round object's top. The pixels around these tell by how much, unless
+            // the object ends there.
             let [a, b, c, d] = outer.map(|g| if g > 0.0 { g } else { 0.0 });
             let lower = mean - 0.25 * ((a + b) + (c + d));
             let round = 1.0 - lower.abs() * per_step;
@@ -34,25 +35,26 @@ impl Lattice {
         })
     }
 
-    /// What is at the centres of the coarse pixels `part`.
-    pub fn thin_out_part(self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
-        self.centres(fine, part, |[a, b, c, d], _| 0.25 * ((a + b) + (c + d)))
+    /// Returns the values at the centres of the coarse pixels `part`.
+    pub fn downsample_part(self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
+        self.map_centres(fine, part, |[a, b, c, d], _| 0.25 * ((a + b) + (c + d)))
     }
 
-    /// A function of the four fine pixels around the centre of each coarse pixel of `part`, the same ones more than once if there
-    /// are fewer, and of the four beyond them along the diagonals: of the nearest ones again at the image's border.
-    fn centres(self, fine: &Grid<f32>, part: Rect, of: impl Fn([f32; 4], [f32; 4]) -> f32) -> Grid<f32> {
+    /// Applies `of` to the four fine pixels around the centre of each coarse pixel of `part` (the same ones repeated if
+    /// there are fewer), and to the four beyond them along the diagonals (at the image's border, the nearest ones
+    /// again).
+    fn map_centres(self, fine: &Grid<f32>, part: Rect, of: impl Fn([f32; 4], [f32; 4]) -> f32) -> Grid<f32> {
         let mut coarse = Grid::new(part.width(), part.height());
         if coarse.data.is_empty() {
             return coarse;
         }
         for y in 0..part.height() {
-            let rows = self.at_centre(part.y0 + y, 1);
+            let rows = self.fine_at_centre(part.y0 + y, 1);
             let around = [rows.start.saturating_sub(1), rows.start, rows.end - 1, rows.end.min(fine.height - 1)];
             let rows = around.map(|row| fine.row(row));
             let out = coarse.row_mut(y);
             let value = |x: usize| {
-                let columns = self.at_centre(part.x0 + x, 0);
+                let columns = self.fine_at_centre(part.x0 + x, 0);
                 let [left, right] = [columns.start.saturating_sub(1), columns.end.min(fine.width - 1)];
                 let [first, last] = [columns.start, columns.end - 1];
                 let [beyond_above, above, below, beyond_below] = rows;
@@ -64,40 +66,41 @@ impl Lattice {
             if inside.is_empty() {
                 continue;
             }
-            let (columns, out) = (self.at_centre(part.x0 + inside.start, 0), &mut out[inside]);
+            let (columns, out) = (self.fine_at_centre(part.x0 + inside.start, 0), &mut out[inside]);
             simd_dispatch(
                 #[inline(always)]
                 || match self.factor {
-                    1 => centres_of_row::<1>(rows, columns.clone(), out, &of),
-                    2 => centres_of_row::<2>(rows, columns.clone(), out, &of),
-                    _ => centres_of_row::<4>(rows, columns.clone(), out, &of),
+                    1 => map_row_centres::<1>(rows, columns.clone(), out, &of),
+                    2 => map_row_centres::<2>(rows, columns.clone(), out, &of),
+                    _ => map_row_centres::<4>(rows, columns.clone(), out, &of),
                 },
             );
         }
         coarse
     }
 
-    /// Interpolates at the fine pixels `rect`, into `out`. `values` are the coarse pixels `part`; beyond
-    /// them the outermost go on.
-    pub fn enlarge(self, values: &Grid<f32>, part: Rect, rect: Rect, shape: Shape, out: &mut Grid<f32>) {
-        let bases_down = self.bases(1, shape);
-        let slopes = (shape == Shape::Cubic).then(|| Slopes::new(values));
-        // First along x in every coarse row, then along y: the second is what is done for all fine pixels.
-        let mut rows = self.rows_by(values, slopes.as_ref().map(|slopes| &slopes.x), part, rect, shape);
-        let mut steep = slopes.as_ref().map(|Slopes { y, xy, .. }| self.rows_by(y, Some(xy), part, rect, shape));
+    /// Interpolates at the fine pixels `rect`, into `out`. `values` are the coarse pixels `part`; outside, their border
+    /// is continued.
+    pub fn upsample(self, values: &Grid<f32>, part: Rect, rect: Rect, shape: Interpolation, out: &mut Grid<f32>) {
+        let bases_down = self.interpolation_bases(1, shape);
+        let slopes = (shape == Interpolation::Cubic).then(|| LimitedSlopes::new(values));
+        // First along x in every coarse row, then along y: only the second step is done for all fine pixels.
+        let mut rows = self.upsampled_rows_with(values, slopes.as_ref().map(|slopes| &slopes.x), part, rect, shape);
+        let mut steep =
+            slopes.as_ref().map(|LimitedSlopes { y, xy, .. }| self.upsampled_rows_with(y, Some(xy), part, rect, shape));
         out.reshape(rect.width(), rect.height());
         simd_dispatch(
             #[inline(always)]
             || {
                 for y in 0..rect.height() {
                     let basis = bases_down[(rows.top + y) % self.factor];
-                    let [here, next] = rows.around(y).0;
+                    let [here, next] = rows.rows_around(y).0;
                     let pairs = out.row_mut(y).iter_mut().zip(here.iter().zip(next));
                     let Some(steep) = &mut steep else {
                         pairs.for_each(|(value, (here, next))| *value = here + basis.next * (next - here));
                         continue;
                     };
-                    let [leave, arrive] = steep.around(y).0;
+                    let [leave, arrive] = steep.rows_around(y).0;
                     for ((value, (here, next)), (leave, arrive)) in pairs.zip(leave.iter().zip(arrive)) {
                         let straight = here + basis.next * (next - here);
                         *value = straight + (basis.leave * leave + basis.arrive * arrive);
@@ -107,53 +110,56 @@ impl Lattice {
         );
     }
 
-    /// The same along straight lines, a row at a time.
-    pub fn rows(self, values: &Grid<f32>, part: Rect, rect: Rect) -> Rows<'_> {
-        self.rows_by(values, None, part, rect, Shape::Linear)
+    /// Interpolates linearly at the fine pixels `rect`, one row at a time; see [`Lattice::upsample`].
+    pub fn upsampled_rows(self, values: &Grid<f32>, part: Rect, rect: Rect) -> UpsampledRows<'_> {
+        self.upsampled_rows_with(values, None, part, rect, Interpolation::Linear)
     }
 
-    fn rows_by<'a>(
+    fn upsampled_rows_with<'a>(
         self,
         values: &'a Grid<f32>,
         slopes: Option<&'a Grid<f32>>,
         part: Rect,
         rect: Rect,
-        shape: Shape,
-    ) -> Rows<'a> {
+        shape: Interpolation,
+    ) -> UpsampledRows<'a> {
         let (left, columns) = self.coarse_around(0, rect.x0, rect.x1, part.x0, part.width());
         let (top, coarse) = self.coarse_around(1, rect.y0, rect.y1, part.y0, part.height());
         let widened = [0, 1].map(|_| vec![0.0; (columns.len() - 1) * self.factor]);
-        Rows {
+        UpsampledRows {
             values,
             slopes,
-            bases: self.bases(0, shape),
+            bases: self.interpolation_bases(0, shape),
             line: vec![0.0; columns.len()],
             steepness: vec![0.0; columns.len()],
             columns,
             coarse,
             widened,
-            done: 0,
+            widened_count: 0,
             inside: left..left + rect.width(),
             top,
             factor: self.factor,
-            phase: self.phase(1),
+            phase: self.half_pixel_phase(1),
         }
     }
 
-    /// How far fine pixels are past where they would be if one were at a coarse pixel's centre: half a pixel or nothing.
-    fn phase(self, k: usize) -> f32 {
+    /// Returns the offset of the fine pixels from the coarse pixels' centres, in fine pixels: half a pixel or 0.
+    fn half_pixel_phase(self, k: usize) -> f32 {
         if self.first_twice[k] % 2 == 0 { 0.0 } else { 0.5 }
     }
 
-    /// Of each fine pixel between two coarse ones along axis `k`.
-    fn bases(self, k: usize, shape: Shape) -> Vec<Basis> {
-        (0..self.factor).map(|past| shape.basis((past as f32 + self.phase(k)) / self.factor as f32)).collect()
+    /// Returns the basis for each fine pixel between two coarse ones along axis `k`.
+    fn interpolation_bases(self, k: usize, shape: Interpolation) -> Vec<InterpolationBasis> {
+        (0..self.factor)
+            .map(|past| shape.basis_at((past as f32 + self.half_pixel_phase(k)) / self.factor as f32))
+            .collect()
     }
 
-    /// For the fine pixels `from..to` of a line along axis `k`: how many whole fine pixels the first of them is past a
-    /// coarse one, and which coarse pixels, counted from `start` and kept within `count`, they lie between.
+    /// Finds, for the fine pixels `from..to` of a line along axis `k`, the coarse pixels that they lie between (counted
+    /// from `start` and clamped to `count`). Also returns how many whole fine pixels the first of them is past a coarse
+    /// one.
     fn coarse_around(self, k: usize, from: usize, to: usize, start: usize, count: usize) -> (usize, Vec<usize>) {
-        let (first, past) = self.before(from, k);
+        let (first, past) = self.coarse_before(from, k);
         let past = past / 2;
         let steps = (past + to - from).div_ceil(self.factor);
         let inside = |k: usize| (first + k as isize - start as isize).clamp(0, count as isize - 1) as usize;
@@ -161,59 +167,61 @@ impl Lattice {
     }
 }
 
-/// Values on a coarse grid, interpolated along its rows and, when they are asked for, between them. No more than two rows are
-/// kept at a time.
-pub struct Rows<'a> {
+/// Values on a coarse grid, interpolated along its rows, and between rows when needed. At most two rows are kept at a
+/// time.
+pub struct UpsampledRows<'a> {
     values: &'a Grid<f32>,
-    /// Slopes along the rows, 0 without them.
+    /// Slopes along the rows; `None` for linear interpolation.
     slopes: Option<&'a Grid<f32>>,
-    bases: Vec<Basis>,
+    bases: Vec<InterpolationBasis>,
     /// The coarse columns and rows that the fine ones lie between.
     columns: Vec<usize>,
     coarse: Vec<usize>,
     line: Vec<f32>,
     steepness: Vec<f32>,
     widened: [Vec<f32>; 2],
-    /// How many of the coarse rows were widened, or passed over.
-    done: usize,
+    /// Number of coarse rows that were widened or skipped.
+    widened_count: usize,
     inside: Range<usize>,
-    /// Fine rows from the first coarse one to the first that there is.
+    /// Number of fine rows from the first coarse row to the first requested one.
     top: usize,
     factor: usize,
     phase: f32,
 }
 
-impl Rows<'_> {
-    /// The coarse rows above and below fine row `y`, and the share of the lower one. Rows are asked for from the top down.
+impl UpsampledRows<'_> {
+    /// Returns the coarse rows above and below fine row `y`, and the share of the lower one. Rows must be requested
+    /// from the top down.
     #[inline(always)]
-    pub fn around(&mut self, y: usize) -> ([&[f32]; 2], f32) {
+    pub fn rows_around(&mut self, y: usize) -> ([&[f32]; 2], f32) {
         let (row, past) = ((self.top + y) / self.factor, (self.top + y) % self.factor);
-        for number in self.done.max(row)..row + 2 {
-            self.widen(number);
+        for number in self.widened_count.max(row)..row + 2 {
+            self.widen_row(number);
         }
-        self.done = row + 2;
+        self.widened_count = row + 2;
         let rows = self.widened.each_ref().map(|row| &row[self.inside.clone()]);
         (rows, (past as f32 + self.phase) / self.factor as f32)
     }
 
     #[inline(always)]
-    fn widen(&mut self, number: usize) {
+    fn widen_row(&mut self, number: usize) {
         self.widened.swap(0, 1);
         let row = self.coarse[number];
-        gather(&mut self.line, self.values.row(row), &self.columns);
+        gather_values(&mut self.line, self.values.row(row), &self.columns);
         if let Some(slopes) = self.slopes {
-            gather(&mut self.steepness, slopes.row(row), &self.columns);
+            gather_values(&mut self.steepness, slopes.row(row), &self.columns);
         }
         match self.factor {
-            2 => interleave::<2>(&self.line, &self.steepness, &self.bases, &mut self.widened[1]),
-            _ => interleave::<4>(&self.line, &self.steepness, &self.bases, &mut self.widened[1]),
+            2 => interpolate_line::<2>(&self.line, &self.steepness, &self.bases, &mut self.widened[1]),
+            _ => interpolate_line::<4>(&self.line, &self.steepness, &self.bases, &mut self.widened[1]),
         }
     }
 }
 
-/// [`Lattice::centres`] of pixels within a row, from the one at the fine columns `centre` on, each with a pixel on its right.
+/// Computes [`Lattice::map_centres`] for pixels within a row, from the one at the fine columns `centre` on; each must
+/// have a neighbour on its right.
 #[inline(always)]
-fn centres_of_row<const N: usize>(
+fn map_row_centres<const N: usize>(
     rows: [&[f32]; 4],
     centre: Range<usize>,
     out: &mut [f32],
@@ -230,9 +238,9 @@ fn centres_of_row<const N: usize>(
     }
 }
 
-/// `N` values between each two of a line.
+/// Interpolates `N` values between neighbouring values of a line.
 #[inline(always)]
-fn interleave<const N: usize>(line: &[f32], slopes: &[f32], bases: &[Basis], out: &mut [f32]) {
+fn interpolate_line<const N: usize>(line: &[f32], slopes: &[f32], bases: &[InterpolationBasis], out: &mut [f32]) {
     let mut own = [bases[0]; N];
     own.copy_from_slice(&bases[..N]);
     let (out, _) = out.as_chunks_mut::<N>();
@@ -247,21 +255,21 @@ fn interleave<const N: usize>(line: &[f32], slopes: &[f32], bases: &[Basis], out
 }
 
 #[inline(always)]
-fn gather(line: &mut [f32], from: &[f32], at: &[usize]) {
+fn gather_values(line: &mut [f32], from: &[f32], at: &[usize]) {
     for (value, at) in line.iter_mut().zip(at) {
         *value = from[*at];
     }
 }
 
-/// Slopes of an image at its pixels, per pixel: along x, along y, and how the one changes along the other. The same for
-/// the image with x and y exchanged.
-struct Slopes {
+/// Slopes of an image at its pixels, per pixel: along x, along y, and the change of one along the other. Exchanging x
+/// and y gives the same slopes.
+struct LimitedSlopes {
     x: Grid<f32>,
     y: Grid<f32>,
     xy: Grid<f32>,
 }
 
-impl Slopes {
+impl LimitedSlopes {
     fn new(values: &Grid<f32>) -> Self {
         let (width, height) = (values.width, values.height);
         let [mut x, mut y, mut xy] = [0; 3].map(|_| Grid::new(width, height));
@@ -274,13 +282,13 @@ impl Slopes {
                     if let ([_, slopes @ .., _], [_, at @ .., _]) = (x.row_mut(row), here) {
                         let around = here.iter().zip(at).zip(&here[2..]);
                         for (slope, ((before, at), after)) in slopes.iter_mut().zip(around) {
-                            *slope = limited(at - before, after - at);
+                            *slope = limited_slope(at - before, after - at);
                         }
                     }
                     let (above, below) = around(row, height);
                     let rows = values.row(above).iter().zip(here).zip(values.row(below));
                     for (slope, ((before, at), after)) in y.row_mut(row).iter_mut().zip(rows) {
-                        *slope = limited(at - before, after - at);
+                        *slope = limited_slope(at - before, after - at);
                     }
                 }
                 for row in 0..height {
@@ -289,7 +297,7 @@ impl Slopes {
                     if let [_, slopes @ .., _] = xy.row_mut(row) {
                         let across = here.iter().zip(&here[2..]).zip(above[1..].iter().zip(&below[1..]));
                         for (slope, ((left, right), (above, below))) in slopes.iter_mut().zip(across) {
-                            *slope = limited(0.5 * (right - left), 0.5 * (below - above));
+                            *slope = limited_slope(0.5 * (right - left), 0.5 * (below - above));
                         }
                     }
                 }
@@ -299,40 +307,42 @@ impl Slopes {
     }
 }
 
-/// The mean of two slopes, no more than three times the smaller and 0 where they disagree.
+/// Returns the mean of two slopes, limited to three times the smaller one; 0 where their signs differ.
 #[inline(always)]
-fn limited(one: f32, other: f32) -> f32 {
+fn limited_slope(one: f32, other: f32) -> f32 {
     let most = 3.0 * one.abs().min(other.abs());
-    // Not `clamp`, which may panic, so that the compiler would not take eight at a time.
+    // Not `clamp`: it may panic, which would keep the compiler from processing eight values at a time.
     let mean = (0.5 * (one + other)).max(-most).min(most);
     if one * other > 0.0 { mean } else { 0.0 }
 }
 
-/// How values between pixels come about.
+/// How values between pixels are interpolated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
-    /// Smooth, with slopes limited so that a wall does not ring (Catmull and Rom's, limited
-    /// as by Fritsch and Carlson 1980).
+pub enum Interpolation {
+    /// Smooth, with slopes limited so that a wall does not ring (Catmull and Rom, limited as by Fritsch and Carlson
+    /// 1980).
     Cubic,
-    /// Straight.
+    /// Linear.
     Linear,
 }
 
-impl Shape {
-    /// For a point that is `t` of the way from one pixel to the next.
-    fn basis(self, t: f32) -> Basis {
+impl Interpolation {
+    /// Returns the basis for a point at the share `t` of the way from one pixel to the next.
+    fn basis_at(self, t: f32) -> InterpolationBasis {
         match self {
-            Self::Cubic => {
-                Basis { next: t * t * (3.0 - 2.0 * t), leave: t * (1.0 - t) * (1.0 - t), arrive: t * t * (t - 1.0) }
-            }
-            Self::Linear => Basis { next: t, leave: 0.0, arrive: 0.0 },
+            Self::Cubic => InterpolationBasis {
+                next: t * t * (3.0 - 2.0 * t),
+                leave: t * (1.0 - t) * (1.0 - t),
+                arrive: t * t * (t - 1.0),
+            },
+            Self::Linear => InterpolationBasis { next: t, leave: 0.0, arrive: 0.0 },
         }
     }
 }
 
-/// Shares of the next pixel, and of the slopes at this and at the next one.
+/// Weights of the next pixel, and of the slopes at this pixel and the next one.
 #[derive(Clone, Copy)]
-struct Basis {
+struct InterpolationBasis {
     next: f32,
     leave: f32,
     arrive: f32,

@@ -1,149 +1,151 @@
-//! Frictionless contact of a rigid object with the pad: pressure p and displacement w = G p such that w >= g, p >= 0 and
-//! p (w - g) = 0 at every pixel, g the overlap.
+//! Frictionless contact of a rigid object with the pad: finds pressure p and displacement w = G p such that w >= g, p
+//! >= 0 and p (w - g) = 0 at every pixel, where g is the penetration.
 //!
-//! Conjugate gradients under bounds (Polonsky and Keer 1999), preconditioned with the inverse response. The plain method
-//! needs the more iterations the softer the response differs over the frequencies, which for a thin incompressible
-//! layer is without limit; the preconditioner, cut off below the contact's own size, brings that to 4 to 10.
+//! The method is conjugate gradients under bounds (Polonsky and Keer 1999), preconditioned with the inverse response.
+//! Without the preconditioner, the number of iterations grows with the range of compliances over the frequencies, which
+//! has no limit for a thin incompressible layer. The preconditioner, cut off below the contact's own size, reduces it
+//! to 4 to 10.
 
-use super::response::{Memory, Operator};
-use super::walls::CutPixel;
+use super::partial_pixels::PartialPixel;
+use super::response::{Operator, OperatorBuffers};
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
 
-/// Multiple of the tolerance from which on pressures are near enough to their last values for pixels to stop giving way.
-const NEARLY: f32 = 30.0;
+/// Multiple of the tolerance below which pressures are close enough to their final values to stop pixels.
+const NEAR_TOLERANCE: f32 = 30.0;
 
-/// What there is to solve.
+/// A contact problem in a box.
 pub struct ContactProblem<'a> {
-    /// From pressure to displacement in the box, and roughly back; prepared for both.
+    /// Operator from pressure to displacement in the box and its approximate inverse; prepared for both.
     pub operator: &'a Operator<'a>,
-    /// The largest G, mm: what a first guess of the pressure is scaled with.
-    pub softest: f32,
-    /// Overlap, mm, over the box.
+    /// The largest G, mm; scales the first guess of the pressure.
+    pub largest_compliance: f32,
+    /// Penetration in the box, mm.
     pub penetration: Grid<f32>,
-    /// Pixels of the box that give way beside the pad's own displacement.
-    pub cut: Vec<CutPixel>,
+    /// Pixels of the box that are compliant in addition to the pad's own displacement.
+    pub partial_pixels: Vec<PartialPixel>,
     /// Displacement of a pixel under its own pressure, mm.
-    pub own: f32,
+    pub own_response: f32,
     /// Largest violation of the conditions that is accepted, mm.
     pub tolerance_mm: f32,
-    /// Iterations after which to give up.
+    /// Iterations after which the solver gives up.
     pub max_iterations: u32,
 }
 
-/// How a solution came about.
+/// Result of the solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
-    /// Iterations.
+pub struct SolverOutcome {
+    /// Number of iterations.
     pub iterations: u32,
-    /// Largest penetration outside and distance inside the contact, mm.
+    /// Largest penetration outside the contact, or distance inside it, mm.
     pub residual_mm: f32,
 }
 
 /// Memory of the solver, for boxes of any size.
 #[derive(Clone, Debug, Default)]
-pub struct Scratch {
-    /// w, and what pixels give way.
+pub struct SolverBuffers {
+    /// w plus the compression of partial pixels.
     pub displacement: Grid<f32>,
     /// w - g in the contact, 0 elsewhere.
     residual: Grid<f32>,
-    /// Preconditioned residual, and the one before.
+    /// Preconditioned residual, and that of the last iteration.
     step: Grid<f32>,
     last_step: Grid<f32>,
-    /// Search direction. What it displaces takes the place of the step before the last.
+    /// Search direction. Its response is stored in `last_step`, once that is no longer needed.
     direction: Grid<f32>,
 }
 
 impl ContactProblem<'_> {
-    /// A first guess of the pressure: what each pixel would need on a soft spring of its own.
-    pub fn guess(&self, pressure: &mut Grid<f32>) {
+    /// Makes a first guess of the pressure: what each pixel would need on a spring of the largest compliance.
+    pub fn guess_pressure(&self, pressure: &mut Grid<f32>) {
         pressure.clone_from(&self.penetration);
         for value in &mut pressure.data {
-            *value = value.max(0.0) / self.softest;
+            *value = value.max(0.0) / self.largest_compliance;
         }
-        for pixel in &self.cut {
-            pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.of_the_rest(pixel);
+        for pixel in &self.partial_pixels {
+            pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.guess_share(pixel);
         }
     }
 
-    /// The guess at a pixel that gives way, as a share of what it would be if it did not.
-    fn of_the_rest(&self, pixel: &CutPixel) -> f32 {
-        self.softest / (self.softest + pixel.compliance)
+    /// Returns the guess at a compliant pixel as a share of the guess at a stiff one.
+    fn guess_share(&self, pixel: &PartialPixel) -> f32 {
+        self.largest_compliance / (self.largest_compliance + pixel.compliance)
     }
 
-    /// The displacement under a pressure, and what pixels give way.
-    fn displace(&self, pressure: &Grid<f32>, memory: &mut Memory, displacement: &mut Grid<f32>) {
+    /// Computes the displacement under a pressure, including the compression of partial pixels.
+    fn displace(&self, pressure: &Grid<f32>, memory: &mut OperatorBuffers, displacement: &mut Grid<f32>) {
         self.operator.displace(pressure, memory, displacement);
-        for pixel in &self.cut {
+        for pixel in &self.partial_pixels {
             let [x, y] = pixel.at;
             displacement.row_mut(y)[x] += pixel.compliance * pressure.at(x, y);
         }
     }
 
-    /// Roughly the pressure under what is left of a displacement. Pixels that give way are made like the others before and
-    /// after.
-    fn undo(&self, residual: &mut Grid<f32>, memory: &mut Memory, step: &mut Grid<f32>) {
-        let balance = |pixel: &CutPixel| 1.0 / (1.0 + pixel.compliance / self.own).sqrt();
-        let index = |pixel: &CutPixel| pixel.at[1] * self.penetration.width + pixel.at[0];
-        let kept: Vec<f32> = self.cut.iter().map(|pixel| residual.data[index(pixel)]).collect();
-        self.cut.iter().for_each(|pixel| residual.data[index(pixel)] *= balance(pixel));
-        self.operator.undo(residual, memory, step);
-        for (pixel, kept) in self.cut.iter().zip(kept) {
+    /// Computes approximately the pressure under a residual. Compliant pixels are scaled before and after, so that they
+    /// behave like the others.
+    fn apply_inverse(&self, residual: &mut Grid<f32>, memory: &mut OperatorBuffers, step: &mut Grid<f32>) {
+        let balance = |pixel: &PartialPixel| 1.0 / (1.0 + pixel.compliance / self.own_response).sqrt();
+        let index = |pixel: &PartialPixel| pixel.at[1] * self.penetration.width + pixel.at[0];
+        let kept: Vec<f32> = self.partial_pixels.iter().map(|pixel| residual.data[index(pixel)]).collect();
+        self.partial_pixels.iter().for_each(|pixel| residual.data[index(pixel)] *= balance(pixel));
+        self.operator.apply_inverse(residual, memory, step);
+        for (pixel, kept) in self.partial_pixels.iter().zip(kept) {
             residual.data[index(pixel)] = kept;
             step.data[index(pixel)] *= balance(pixel);
         }
     }
 
-    /// Takes those of the solver's cut pixels that lie in its box, part of their grid.
-    pub fn place(&mut self, cut: &[CutPixel], part: Rect) {
-        for pixel in cut.iter().filter(|pixel| part.holds(pixel.at)) {
+    /// Adds the partial pixels that lie in the problem's box `part`, and takes stopped ones as rigid.
+    pub fn take_partial_pixels(&mut self, cut: &[PartialPixel], part: Rect) {
+        for pixel in cut.iter().filter(|pixel| part.contains(pixel.at)) {
             let at = [pixel.at[0] - part.x0, pixel.at[1] - part.y0];
             let mut pixel = *pixel;
             pixel.at = at;
-            if pixel.stopped {
-                self.penetration.row_mut(at[1])[at[0]] -= pixel.gives_way(0.0);
+            if pixel.is_stopped {
+                self.penetration.row_mut(at[1])[at[0]] -= pixel.compression_mm(0.0);
                 pixel.compliance = 0.0;
             }
-            self.cut.push(pixel);
+            self.partial_pixels.push(pixel);
         }
     }
 
-    /// Betters a guess at pixels that a wall cuts: the share of the highest pressure beside them that an edge has.
-    pub fn refine(&self, pressure: &mut Grid<f32>) {
-        let guess = |pixel: &CutPixel| {
+    /// Improves a guess at pixels that a wall cuts: it becomes the share of the highest neighbouring pressure that an
+    /// edge has.
+    pub fn refine_guess(&self, pressure: &mut Grid<f32>) {
+        let guess = |pixel: &PartialPixel| {
             let around = |at: usize, size: usize| at.saturating_sub(1)..(at + 2).min(size);
             let [x, y] = pixel.at;
             let rows = around(y, pressure.height).map(|y| &pressure.row(y)[around(x, pressure.width)]);
             let most = rows.flatten().fold(0.0_f32, |most, p| most.max(*p));
-            most * pixel.share(self.own)
+            most * pixel.pressure_share(self.own_response)
         };
-        let guesses: Vec<f32> = self.cut.iter().map(guess).collect();
-        for (pixel, guess) in self.cut.iter().zip(guesses).filter(|(pixel, _)| !pixel.stopped) {
+        let guesses: Vec<f32> = self.partial_pixels.iter().map(guess).collect();
+        for (pixel, guess) in self.partial_pixels.iter().zip(guesses).filter(|(pixel, _)| !pixel.is_stopped) {
             pressure.row_mut(pixel.at[1])[pixel.at[0]] = guess;
         }
     }
 
-    /// Tells these which of them stopped.
-    pub fn note_stopped(&self, cut: &mut [CutPixel], part: Rect) {
-        let there = cut.iter_mut().filter(|pixel| part.holds(pixel.at));
-        there.zip(&self.cut).for_each(|(pixel, own)| pixel.stopped = own.stopped);
+    /// Notes in `cut` which pixels of the box `part` have stopped.
+    pub fn note_stopped_pixels(&self, cut: &mut [PartialPixel], part: Rect) {
+        let there = cut.iter_mut().filter(|pixel| part.contains(pixel.at));
+        there.zip(&self.partial_pixels).for_each(|(pixel, own)| pixel.is_stopped = own.is_stopped);
     }
 
-    /// Takes from a displacement what pixels give way under a pressure.
-    pub fn take_back(&self, pressure: &Grid<f32>, displacement: &mut Grid<f32>) {
-        for pixel in &self.cut {
+    /// Subtracts the compression of partial pixels under a pressure from a displacement.
+    pub fn subtract_compression(&self, pressure: &Grid<f32>, displacement: &mut Grid<f32>) {
+        for pixel in &self.partial_pixels {
             let [x, y] = pixel.at;
             displacement.row_mut(y)[x] -= pixel.compliance * pressure.at(x, y);
         }
     }
 
-    /// Stops pixels that would give way by more than they can. Whether there were any.
-    fn stop(&mut self, pressure: &Grid<f32>) -> bool {
+    /// Stops pixels whose compression exceeds its limit; returns true if there were any.
+    fn stop_pixels(&mut self, pressure: &Grid<f32>) -> bool {
         let mut any = false;
-        for pixel in &mut self.cut {
+        for pixel in &mut self.partial_pixels {
             let [x, y] = pixel.at;
-            if pixel.stop(pressure.at(x, y)) {
-                self.penetration.row_mut(y)[x] -= pixel.gives_way(0.0);
+            if pixel.stop_at_limit(pressure.at(x, y)) {
+                self.penetration.row_mut(y)[x] -= pixel.compression_mm(0.0);
                 pixel.compliance = 0.0;
                 any = true;
             }
@@ -151,21 +153,26 @@ impl ContactProblem<'_> {
         any
     }
 
-    /// Improves `pressure` until the conditions hold.
-    pub fn solve(&mut self, pressure: &mut Grid<f32>, scratch: &mut Scratch, memory: &mut Memory) -> Outcome {
-        let Scratch { displacement, residual, step, last_step, direction } = scratch;
+    /// Iterates on `pressure` until the conditions hold.
+    pub fn solve(
+        &mut self,
+        pressure: &mut Grid<f32>,
+        scratch: &mut SolverBuffers,
+        memory: &mut OperatorBuffers,
+    ) -> SolverOutcome {
+        let SolverBuffers { displacement, residual, step, last_step, direction } = scratch;
         for grid in [&mut *residual, step, last_step, direction] {
             grid.reset(pressure.width, pressure.height);
         }
         self.displace(pressure, memory, displacement);
-        let mut outcome = Outcome { iterations: 0, residual_mm: f32::INFINITY };
+        let mut outcome = SolverOutcome { iterations: 0, residual_mm: f32::INFINITY };
         let (mut last_product, mut keeps_direction) = (1.0, false);
-        let mut free = Vec::<CutPixel>::new();
+        let mut free = Vec::<PartialPixel>::new();
         loop {
-            outcome.residual_mm = violation(pressure, displacement, &self.penetration, residual);
-            if outcome.residual_mm <= NEARLY * self.tolerance_mm && self.stop(pressure) {
+            outcome.residual_mm = measure_violation(pressure, displacement, &self.penetration, residual);
+            if outcome.residual_mm <= NEAR_TOLERANCE * self.tolerance_mm && self.stop_pixels(pressure) {
                 self.displace(pressure, memory, displacement);
-                outcome.residual_mm = violation(pressure, displacement, &self.penetration, residual);
+                outcome.residual_mm = measure_violation(pressure, displacement, &self.penetration, residual);
                 keeps_direction = false;
             }
             if outcome.residual_mm <= self.tolerance_mm || outcome.iterations == self.max_iterations {
@@ -173,24 +180,34 @@ impl ContactProblem<'_> {
             }
             outcome.iterations += 1;
             std::mem::swap(step, last_step);
-            self.undo(residual, memory, step);
+            self.apply_inverse(residual, memory, step);
             let product = dot(residual, step);
-            // Polak and Ribiere's, from 0 up, so that a step that went wrong is forgotten.
+            // Polak-Ribiere, limited to positive values, so that a step that went wrong is forgotten.
             let share = ((product - dot(residual, last_step)) / last_product).max(0.0);
             let share = if share.is_finite() { share } else { 0.0 };
-            turn(direction, step, pressure, if keeps_direction { share as f32 } else { 0.0 });
+            update_direction(direction, step, pressure, if keeps_direction { share as f32 } else { 0.0 });
             last_product = product;
             let response = &mut *last_step;
             self.displace(direction, memory, response);
             let curvature = dot(direction, response);
-            // No pixel may touch yet, as after a guess that missed all of them.
+            // After a guess that missed all pixels, no pixel may touch yet.
             let length = if curvature > 0.0 { (dot(residual, direction) / curvature) as f32 } else { 0.0 };
             free.clear();
-            free.extend(self.cut.iter().copied().filter(|pixel| pressure.at(pixel.at[0], pixel.at[1]) <= 0.0));
-            let changes = advance(pressure, direction, displacement, &self.penetration, length, 1.0 / self.softest);
-            // A guess for a stiff pixel takes one that gives way far beyond the object: it would leave and join for ever.
+            free.extend(
+                self.partial_pixels.iter().copied().filter(|pixel| pressure.at(pixel.at[0], pixel.at[1]) <= 0.0),
+            );
+            let changes = advance_pressure(
+                pressure,
+                direction,
+                displacement,
+                &self.penetration,
+                length,
+                1.0 / self.largest_compliance,
+            );
+            // The guess for a stiff pixel would push a compliant one far beyond the object: it would leave and join for
+            // ever.
             for pixel in &free {
-                pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.of_the_rest(pixel);
+                pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.guess_share(pixel);
             }
             if length == 0.0 && !changes.joined {
                 return outcome;
@@ -199,15 +216,21 @@ impl ContactProblem<'_> {
             if changes.joined || changes.left {
                 self.displace(pressure, memory, displacement);
             } else {
-                subtract(displacement, response, length);
+                subtract_scaled(displacement, response, length);
             }
         }
     }
 }
 
-/// Writes w - g of the contact's pixels to `residual`, 0 elsewhere; the largest violation of the conditions.
-fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, penetration: &Grid<f32>, residual: &mut Grid<f32>) -> f32 {
-    // Floats from 0 up are ordered like their bits, and whole numbers are compared eight at a time; NaN comes out on top.
+/// Writes w - g in the contact and 0 elsewhere to `residual`; returns the largest violation of the conditions.
+fn measure_violation(
+    pressure: &Grid<f32>,
+    displacement: &Grid<f32>,
+    penetration: &Grid<f32>,
+    residual: &mut Grid<f32>,
+) -> f32 {
+    // Non-negative floats are ordered like their bits, and whole numbers are compared eight at a time; NaN is the
+    // largest.
     let worst = simd_dispatch(
         #[inline(always)]
         || {
@@ -226,8 +249,8 @@ fn violation(pressure: &Grid<f32>, displacement: &Grid<f32>, penetration: &Grid<
     f32::from_bits(worst)
 }
 
-/// Scalar product. Eight partial sums per row, in f32, whatever the processor; rows are summed in f64, because the
-/// squares of 300,000 small numbers do not fit the 24 bits of one sum.
+/// Computes the scalar product. Each row is summed in eight partial sums in f32, on every processor the same; rows are
+/// summed in f64, because the squares of 300,000 small numbers exceed the 24 bits of a single sum.
 fn dot(a: &Grid<f32>, b: &Grid<f32>) -> f64 {
     simd_dispatch(
         #[inline(always)]
@@ -252,8 +275,8 @@ fn dot(a: &Grid<f32>, b: &Grid<f32>) -> f64 {
     )
 }
 
-/// The next search direction, in the contact only; the step outside it is dropped.
-fn turn(direction: &mut Grid<f32>, step: &mut Grid<f32>, pressure: &Grid<f32>, share: f32) {
+/// Computes the next search direction, in the contact only; outside, the step is set to 0.
+fn update_direction(direction: &mut Grid<f32>, step: &mut Grid<f32>, pressure: &Grid<f32>, share: f32) {
     simd_dispatch(
         #[inline(always)]
         move || {
@@ -266,21 +289,22 @@ fn turn(direction: &mut Grid<f32>, step: &mut Grid<f32>, pressure: &Grid<f32>, s
     );
 }
 
-/// Which pixels changed sides.
-struct Changes {
+/// Which changes of the contact a step made.
+struct ContactChanges {
     joined: bool,
     left: bool,
 }
 
-/// Goes `length` along `-direction`; pressures that would be negative leave the contact, pixels that penetrate join it.
-fn advance(
+/// Takes a step of `length` along `-direction`. Pixels whose pressure would become negative leave the contact; pixels
+/// that penetrate join it.
+fn advance_pressure(
     pressure: &mut Grid<f32>,
     direction: &Grid<f32>,
     displacement: &Grid<f32>,
     penetration: &Grid<f32>,
     length: f32,
     stiffness: f32,
-) -> Changes {
+) -> ContactChanges {
     let (joined, left) = simd_dispatch(
         #[inline(always)]
         move || {
@@ -300,10 +324,10 @@ fn advance(
             (joined, left)
         },
     );
-    Changes { joined: joined > 0, left: left > 0 }
+    ContactChanges { joined: joined > 0, left: left > 0 }
 }
 
-fn subtract(displacement: &mut Grid<f32>, response: &Grid<f32>, length: f32) {
+fn subtract_scaled(displacement: &mut Grid<f32>, response: &Grid<f32>, length: f32) {
     simd_dispatch(
         #[inline(always)]
         || {

@@ -1,30 +1,31 @@
 //! From the solver's grid to the camera's: surface, contact mask, pressure and force in view.
 //!
-//! On the camera's own grid this is a copy. From a coarser one the surface is interpolated, and goes over to the
-//! object's own surface where the two are in contact; pressures are interpolated so that the force stays the solver's.
+//! On the camera's own grid this is a copy. From a coarser grid the surface is interpolated; where pad and object are
+//! in contact, it changes over to the object's own surface. Pressures are interpolated such that the force stays the
+//! solver's.
 
 use std::borrow::Cow;
 
 use super::lattice::Lattice;
-use super::resample::Shape;
-use super::walls::CutPixel;
-use super::{Pad, Solution, edge};
+use super::partial_pixels::PartialPixel;
+use super::resample::Interpolation;
+use super::{ContactSolution, ElasticPad, edge};
 use crate::base::grid::{Grid, Rect};
-use crate::base::simd::{largest, simd_dispatch, sum};
+use crate::base::simd::{largest_value, simd_dispatch, sum_values};
 use crate::base::view::SURFACE_BORDER;
 use crate::depth::Depth;
 use crate::gelpad::Contact;
 
-/// Share of the depth that the pad may be away from an object that it touches between the solver's pixels.
-const SHALLOW_CLOSE: f32 = 0.5;
+/// Largest gap, as a share of the depth, over which an interpolated pad counts as touching.
+const MAX_GAP_SHARE: f32 = 0.5;
 
-impl Pad {
-    /// Takes a solution to the camera's grid: the object's own surface where they touch, the pad's elsewhere.
-    pub(super) fn fill(
+impl ElasticPad {
+    /// Transfers a solution to the camera's grid: the object's own surface where they touch, the pad's elsewhere.
+    pub(super) fn fill_contact(
         &self,
-        solution: &Solution,
+        solution: &ContactSolution,
         depth: &Depth,
-        (coarse, cut): (&Grid<f32>, &[CutPixel]),
+        (coarse, cut): (&Grid<f32>, &[PartialPixel]),
         seen: Rect,
         lattice: Lattice,
         contact: &mut Contact,
@@ -33,22 +34,23 @@ impl Pad {
         contact.region = Rect::whole(width, height);
         let (area, pressure) = match lattice.factor {
             1 => {
-                let Rect { x0, y0, .. } = solution.seen;
-                let there = seen.seen_from(x0, y0, solution.displacement.width, solution.displacement.height);
+                let Rect { x0, y0, .. } = solution.known_box;
+                let there = seen.in_window(x0, y0, solution.displacement.width, solution.displacement.height);
                 contact.surface = solution.displacement.crop(there);
                 (solution.contact_box, Cow::Borrowed(&solution.pressure))
             }
-            // The object touches between the solver's pixels only: the surface is as what touches beyond the window has left it.
+            // The object touches only between the solver's pixels: the surface stays as loads outside the window have
+            // left it.
             _ if solution.contact_box.is_empty() => {
                 contact.bulge_mm = contact.bulge_mm.max(contact.surface.largest(|w| -w));
                 (Rect::default(), Cow::Borrowed(&solution.pressure))
             }
             _ => {
                 let (displacement, surface) = (&solution.displacement, &mut contact.surface);
-                lattice.enlarge(displacement, solution.seen, seen, Shape::Cubic, surface);
-                let area = lattice.covered_by(solution.contact_box);
-                let touched = Touched { solution, depth, coarse, cut, area, highest: -contact.bulge_mm };
-                let pressure = self.enlarge_pressure(&touched, lattice, seen, &mut contact.surface);
+                lattice.upsample(displacement, solution.known_box, seen, Interpolation::Cubic, surface);
+                let area = lattice.fine_box_of(solution.contact_box);
+                let touched = TouchedArea { solution, depth, coarse, cut, area, highest: -contact.bulge_mm };
+                let pressure = self.upsample_pressure(&touched, lattice, seen, &mut contact.surface);
                 (area, Cow::Owned(pressure))
             }
         };
@@ -57,8 +59,8 @@ impl Pad {
         let mut in_view = Grid::new(width - 2 * SURFACE_BORDER, height - 2 * SURFACE_BORDER);
         let mut touching = vec![0_u8; width];
         let through = (self.elastic.tolerance_um * 1e-3) as f32;
-        // The part of the surface that pressure is known for, in its own columns and rows.
-        let pressed = area.seen_from(seen.x0, seen.y0, width, height);
+        // The part of the surface with known pressure, in the surface's own columns and rows.
+        let pressed = area.in_window(seen.x0, seen.y0, width, height);
         let (force, peak, not_finite) = simd_dispatch(
             #[inline(always)]
             || {
@@ -68,7 +70,8 @@ impl Pad {
                     let surface = contact.surface.row_mut(y);
                     touching.fill(0);
                     if !on_object {
-                        // What reaches through an interpolated surface touches it, even if the solver's grid missed it.
+                        // An object that reaches through an interpolated surface touches it, even if the solver's grid
+                        // missed it.
                         for ((touching, w), g) in touching.iter_mut().zip(&*surface).zip(object) {
                             *touching = if g - w > through { 255 } else { 0 };
                         }
@@ -84,7 +87,7 @@ impl Pad {
                         let rows = touching[columns.clone()].iter_mut().zip(&mut surface[columns.clone()]);
                         for (((touching, w), g), p) in rows.zip(&object[columns.clone()]).zip(from) {
                             *touching = if *p > 0.0 { 255 } else { *touching };
-                            // On the solver's own grid, what touches lies on the object.
+                            // On the solver's own grid, the surface in contact is the object's.
                             *w = if (*p > 0.0) & on_object { *g } else { *w };
                         }
                     }
@@ -101,8 +104,8 @@ impl Pad {
                         for (kpa, p) in kpa.iter_mut().zip(from) {
                             *kpa = p * youngs_modulus_kpa;
                         }
-                        force += sum(kpa);
-                        peak = peak.max(largest(kpa.iter().copied()));
+                        force += sum_values(kpa);
+                        peak = peak.max(largest_value(kpa.iter().copied()));
                     }
                 }
                 (force, peak, not_finite)
@@ -115,42 +118,50 @@ impl Pad {
         contact.finite = not_finite == 0 && force.is_finite();
     }
 
-    /// Pressure on the camera's grid within the touched area. It acts where the contact is known to reach, between the
-    /// solver's pixels, unless the object ends before. From half-way between two of these, of which one touches, to that one the
-    /// surface goes over to the object's own, but to no higher place than the pad's highest.
-    fn enlarge_pressure(
+    /// Returns the pressure on the camera's grid within the touched area. It acts up to the contact's edge between the
+    /// solver's pixels, unless the object ends before. Between a solver's pixel in contact and one that is not, the
+    /// surface changes over to the object's own from half way on, but it is raised no higher than the pad's highest
+    /// point.
+    fn upsample_pressure(
         &self,
-        touched: &Touched<'_>,
+        touched: &TouchedArea<'_>,
         lattice: Lattice,
         seen: Rect,
         surface: &mut Grid<f32>,
     ) -> Grid<f32> {
-        let Touched { solution, depth, coarse, cut, area, highest } = *touched;
-        let stiffness = (2.0 / self.layer.half_space()) as f32;
-        let inside =
-            edge::inside_mm(solution, coarse, (&depth.penetration, lattice), self.coarse_mm_per_px, stiffness, highest);
-        let visible = area.seen_from(seen.x0, seen.y0, surface.width, surface.height);
+        let TouchedArea { solution, depth, coarse, cut, area, highest } = *touched;
+        let stiffness = (2.0 / self.layer.half_space_compliance()) as f32;
+        let inside = edge::distance_inside_mm(
+            solution,
+            coarse,
+            (&depth.penetration, lattice),
+            self.coarse_mm_per_px,
+            stiffness,
+            highest,
+        );
+        let visible = area.in_window(seen.x0, seen.y0, surface.width, surface.height);
         if visible.is_empty() {
             let mut pressure = Grid::default();
-            lattice.enlarge(&solution.pressure, solution.contact_box, area, Shape::Linear, &mut pressure);
+            lattice.upsample(&solution.pressure, solution.contact_box, area, Interpolation::Linear, &mut pressure);
             return pressure;
         }
         let mut touching = solution.pressure.clone();
         touching.data.iter_mut().for_each(|p| *p = if *p > 0.0 { 1.0 } else { 0.0 });
-        // Where a wall leaves a pixel's centre out, the pad is on the object as far as that is pressed, too.
+        // Where a wall leaves out a pixel's centre, the pad there lies on the object as far as the part beside the wall
+        // is pressed.
         let Rect { x0, y0, .. } = solution.contact_box;
-        for pixel in cut.iter().filter(|pixel| solution.contact_box.holds(pixel.at)) {
+        for pixel in cut.iter().filter(|pixel| solution.contact_box.contains(pixel.at)) {
             let [x, y] = [pixel.at[0] - x0, pixel.at[1] - y0];
-            touching.row_mut(y)[x] *= pixel.pressed_centre(solution.pressure.at(x, y));
+            touching.row_mut(y)[x] *= pixel.pressed_centre_share(solution.pressure.at(x, y));
         }
-        let rows = |values, part| lattice.rows(values, part, area);
-        // A cubic overshoots beside a sharp edge, where a straight line does not.
-        let mut straight = rows(&solution.displacement, solution.seen);
+        let rows = |values, part| lattice.upsampled_rows(values, part, area);
+        // A cubic overshoots beside a sharp edge; a straight line does not.
+        let mut straight = rows(&solution.displacement, solution.known_box);
         let [mut pressures, mut inside, mut touching] =
             [&solution.pressure, &inside, &touching].map(|values| rows(values, solution.contact_box));
-        // A flank that a shallow press shows is far from the pad in spite of being near by the grid's measure. Gaps are
-        // divided by it: above 0 for the smallest depth, too.
-        let close = self.close_mm().min(SHALLOW_CLOSE * depth.deepest_mm).max(f32::MIN_POSITIVE);
+        // In a shallow press, a flank can be within the grid's gap and still be far from the pad compared with the
+        // depth. Gaps are divided by this, so it must be above 0 for the smallest depth, too.
+        let close = self.contact_gap_mm().min(MAX_GAP_SHARE * depth.deepest_mm).max(f32::MIN_POSITIVE);
         let through = (self.elastic.tolerance_um * 1e-3) as f32;
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
         let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
@@ -162,7 +173,7 @@ impl Pad {
             || {
                 for y in area.y0..area.y1 {
                     let to = pressure.row_mut(y - area.y0);
-                    let ([above, below], share) = pressures.around(y - area.y0);
+                    let ([above, below], share) = pressures.rows_around(y - area.y0);
                     for ((p, above), below) in to.iter_mut().zip(above).zip(below) {
                         *p = above + share * (below - above);
                     }
@@ -172,7 +183,8 @@ impl Pad {
                     let object = &depth.penetration.row(y)[columns.clone()];
                     let surface = &mut surface.row_mut(y - seen.y0)[columns.start - seen.x0..columns.end - seen.x0];
                     let to = &mut to[in_area.clone()];
-                    let around = [&mut inside, &mut straight, &mut touching].map(|rows| rows.around(y - area.y0).0);
+                    let around =
+                        [&mut inside, &mut straight, &mut touching].map(|rows| rows.rows_around(y - area.y0).0);
                     let [inside, straight, touching] = around.map(|rows| rows.map(|row| &row[in_area.clone()]));
                     for x in 0..to.len() {
                         let between = |[above, below]: [&[f32]; 2]| above[x] + share * (below[x] - above[x]);
@@ -182,21 +194,22 @@ impl Pad {
                         let nearest = if straight - g < gap { straight - g } else { gap };
                         let touches = ((inside > 0.0) & (nearest < close)) | (-gap > through);
                         let p = if touches & (g >= highest) { to[x] } else { 0.0 };
-                        // Gradually: a contact that gains a pixel must not move the surface by more than the object moved.
+                        // The change is gradual: a contact that gains a pixel must not move the surface by more than
+                        // the object moved.
                         let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
                         let w = w - share * gap.min((w - highest).max(0.0));
-                        // No further off than it may be, where only the cubic has overshot.
+                        // Where only the cubic has overshot, limit the gap.
                         let near = if w < g + close { w } else { g + close };
                         surface[x] = if p > 0.0 { near } else { w };
                         to[x] = p;
                     }
-                    fine_sum += sum(to);
+                    fine_sum += sum_values(to);
                 }
             },
         );
-        // Where an edge cut pressure off, the rest carries it: the force is the solver's.
+        // Where an edge cut off pressure, the rest carries it: the total is scaled to the solver's force.
         let mut coarse_sum = 0.0;
-        let part = lattice.inside(Rect { x0: columns.start, x1: columns.end, ..rows });
+        let part = lattice.coarse_inside(Rect { x0: columns.start, x1: columns.end, ..rows });
         for y in part.y0.max(solution.contact_box.y0)..part.y1.min(solution.contact_box.y1) {
             let Rect { x0, x1, .. } = solution.contact_box;
             let row = solution.pressure.row(y - solution.contact_box.y0);
@@ -204,7 +217,7 @@ impl Pad {
             coarse_sum += row[from].iter().map(|p| f64::from(*p)).sum::<f64>();
         }
         let scale = coarse_sum * (lattice.factor * lattice.factor) as f64 / fine_sum;
-        // A sliver of contact at the view's border is not worth a factor.
+        // For a sliver of contact at the view's border the ratio is meaningless, so it is not applied.
         if (0.5..=2.0).contains(&scale) {
             pressure.data.iter_mut().for_each(|p| *p *= scale as f32);
         }
@@ -212,15 +225,15 @@ impl Pad {
     }
 }
 
-/// What the solver found where there is pressure.
-struct Touched<'a> {
-    solution: &'a Solution,
+/// The inputs of the pressure's interpolation.
+struct TouchedArea<'a> {
+    solution: &'a ContactSolution,
     depth: &'a Depth,
-    /// Overlap on the solver's grid, and which of its pixels walls cut.
+    /// Penetration on the solver's grid, and the pixels that walls cut.
     coarse: &'a Grid<f32>,
-    cut: &'a [CutPixel],
-    /// The camera's pixels around the contact's box.
+    cut: &'a [PartialPixel],
+    /// The camera's pixels in the contact's box.
     area: Rect,
-    /// The highest place of the pad, mm.
+    /// The pad's highest point as a displacement into the pad, mm: minus the bulge.
     highest: f32,
 }

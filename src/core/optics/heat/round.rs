@@ -6,37 +6,39 @@ use glam::{DVec2, DVec3};
 
 use crate::base::gel::{GelShape, Site};
 
-use super::{LED_RAD, REACH, SPREAD};
+use super::{LED_WIDTH_RAD, REACH, SPREAD};
 
-/// Cells along the meridian, and half around the axis.
+/// Number of cells along the meridian, and around half of the gel.
 const CELLS: [usize; 2] = [160, 120];
 
-/// Waves around the axis.
+/// Number of waves around the axis.
 const WAVES: usize = 64;
 
 /// Directions of the light of an LED at azimuth 0.
 pub struct HeatOnRound {
     shape: GelShape,
+    /// Length of the meridian from the tip to the rim, in radii.
     length: f64,
-    /// For each cell, rows along the meridian: towards the LED, in the axes that the tip's have when they are taken there along
-    /// the meridian, of length 1 at most; and the distance from the LED, in radii.
+    /// For each cell, in rows along the meridian: the direction towards the LED, of length 1 at most, in the axes of
+    /// the tip taken along the meridian; and the distance from the LED, in radii.
     cells: Vec<[f64; 3]>,
-    /// The same at the tip.
+    /// The same three numbers at the tip.
     tip: [f64; 3],
 }
 
 impl HeatOnRound {
+    /// Solves for the light on a dome or a capsule.
     pub fn new(shape: &GelShape) -> Self {
         let length = FRAC_PI_2 + shape.wall_mm().unwrap_or(0.0) / shape.radius_mm();
         let step = length / CELLS[0] as f64;
-        let waves: Vec<Vec<f64>> = (0..WAVES).map(|wave| along_meridian(wave as f64, step)).collect();
+        let waves: Vec<Vec<f64>> = (0..WAVES).map(|wave| solve_along_meridian(wave as f64, step)).collect();
         let angle = |column: usize| PI * column as f64 / CELLS[1] as f64;
         let around = |column: usize| (0..WAVES).map(move |wave| libm::sincos(wave as f64 * angle(column))).collect();
         let around: Vec<Vec<(f64, f64)>> = (0..=CELLS[1]).map(around).collect();
         let density = |row: usize, column: usize| {
             let mut sums = [0.0; 3];
             for (wave, (along, (sin, cos))) in waves.iter().zip(&around[column]).enumerate() {
-                // Beyond the tip a wave goes on as it is on the other side, even ones upright and odd ones upside down.
+                // Across the tip a wave goes on as on its other side: even ones upright, odd ones upside down.
                 let inner = if row > 0 {
                     along[row - 1]
                 } else if wave % 2 == 0 {
@@ -47,7 +49,7 @@ impl HeatOnRound {
                 let slope = (along[row + 1] - inner) / (2.0 * step);
                 sums[0] += along[row] * cos;
                 sums[1] += slope * cos;
-                sums[2] -= wave as f64 * along[row] * sin / radius_at(row, step);
+                sums[2] -= wave as f64 * along[row] * sin / cell_radius(row, step);
             }
             sums
         };
@@ -67,14 +69,15 @@ impl HeatOnRound {
         Self { shape: shape.clone(), length, cells, tip: [tip[0], 0.0, tip[1]] }
     }
 
-    /// Towards an LED at an azimuth along the gel, of length 1 at most, and how far it is, mm.
-    pub fn at(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
+    /// Returns the direction along the gel towards an LED at an azimuth, rad, of length 1 at most, and how far it is,
+    /// mm.
+    pub fn direction_and_distance_mm(&self, site: Site, azimuth: f64) -> (DVec3, f64) {
         let Site { normal, below_mm, .. } = site;
         let around = libm::atan2(normal.y, normal.x) - azimuth;
         let around = around - 2.0 * PI * libm::round(around / (2.0 * PI));
         let across = libm::hypot(normal.x, normal.y);
         let from_tip = libm::atan2(across, normal.z.max(0.0)) + below_mm / self.shape.radius_mm();
-        let [x, y, distance] = self.between(from_tip, around.abs());
+        let [x, y, distance] = self.interpolate(from_tip, around.abs());
         let towards = DVec2::from_angle(-around).rotate(DVec2::new(x, if around < 0.0 { -y } else { y }));
         let [sin, cos] = if across > 0.0 { [normal.y / across, normal.x / across] } else { [0.0, 1.0] };
         let (level, out) = if below_mm > 0.0 { (0.0, 1.0) } else { (normal.z.max(0.0), across) };
@@ -83,8 +86,8 @@ impl HeatOnRound {
         (towards.x * outwards + towards.y * sideways, distance * self.shape.radius_mm())
     }
 
-    /// Between the cells, bilinear.
-    fn between(&self, from_tip: f64, around: f64) -> [f64; 3] {
+    /// Interpolates between the cells, bilinear.
+    fn interpolate(&self, from_tip: f64, around: f64) -> [f64; 3] {
         let row = (from_tip / self.length * CELLS[0] as f64 - 0.5).min((CELLS[0] - 1) as f64);
         let column = (around / PI * CELLS[1] as f64).clamp(0.0, CELLS[1] as f64);
         let (upper, left) = ((row as usize).min(CELLS[0] - 2), (column as usize).min(CELLS[1] - 1));
@@ -101,25 +104,30 @@ impl HeatOnRound {
     }
 }
 
-/// Distance of the middle of a cell from the axis, in radii of the gel.
-fn radius_at(row: usize, step: f64) -> f64 {
-    radius((row as f64 + 0.5) * step)
+/// Returns the distance of the middle of a cell from the axis, in radii of the gel.
+fn cell_radius(row: usize, step: f64) -> f64 {
+    radius_from_axis((row as f64 + 0.5) * step)
 }
 
-fn radius(from_tip: f64) -> f64 {
+/// Returns the distance from the axis by that from the tip along the meridian, both in radii of the gel; a wall is 1
+/// from the axis.
+fn radius_from_axis(from_tip: f64) -> f64 {
     libm::sin(from_tip.min(FRAC_PI_2))
 }
 
-/// A wave's density in the cells along the meridian and in one more beyond the rim; by finite volumes,
-/// (r u')' = (wave^2 / r + r / reach^2) u, from the tip outwards. No light leaves by the rim, and the LED's comes in there.
-fn along_meridian(wave: f64, step: f64) -> Vec<f64> {
-    let source = libm::exp(-0.5 * (wave * LED_RAD) * (wave * LED_RAD)) * if wave == 0.0 { 0.5 } else { 1.0 };
-    // What is in a cell, as a share of what is in the next.
+/// Solves for a wave's density in the cells along the meridian, and in one more beyond the rim.
+///
+/// The equation is (r u')' = (wave^2 / r + r / reach^2) u, by finite volumes, from the tip outwards. No light leaves by
+/// the rim, and the LED's comes in there.
+fn solve_along_meridian(wave: f64, step: f64) -> Vec<f64> {
+    let source =
+        libm::exp(-0.5 * (wave * LED_WIDTH_RAD) * (wave * LED_WIDTH_RAD)) * if wave == 0.0 { 0.5 } else { 1.0 };
+    // The density in each cell as a fraction of that in the next one outwards.
     let mut shares: Vec<f64> = Vec::with_capacity(CELLS[0]);
     let mut density = vec![0.0; CELLS[0] + 1];
     for (row, density) in density.iter_mut().enumerate().take(CELLS[0]) {
-        let here = radius_at(row, step);
-        let (inner, outer) = (radius(row as f64 * step), radius((row + 1) as f64 * step));
+        let here = cell_radius(row, step);
+        let (inner, outer) = (radius_from_axis(row as f64 * step), radius_from_axis((row + 1) as f64 * step));
         let lost = step * step * (wave * wave / here + here / (REACH * REACH));
         let from_inner = shares.last().map_or(0.0, |share| inner * (1.0 - share));
         shares.push(outer / (outer + lost + from_inner));
@@ -151,7 +159,7 @@ mod tests {
                     libm::sin(from_tip) * libm::sin(around),
                     libm::cos(from_tip),
                 );
-                let (towards, distance_mm) = heat.at(shape.site(normal, 0.0), 0.0);
+                let (towards, distance_mm) = heat.direction_and_distance_mm(shape.site(normal, 0.0), 0.0);
                 let angle = normal.angle_between(led);
                 let circle = (led - normal * normal.dot(led)).normalize();
                 assert!(towards.dot(normal).abs() < 1e-9 && towards.length() < 1.0 + 1e-9);
@@ -171,7 +179,11 @@ mod tests {
         let shape = GelShape::Capsule(GelCapsule { radius_mm: 10.0, length_mm: 45.0 });
         let heat = HeatOnRound::new(&shape);
         let at = |around: f64, below_mm: f64| {
-            heat.at(shape.site(DVec3::new(libm::cos(around), libm::sin(around), 0.0), below_mm), 0.3).0
+            heat.direction_and_distance_mm(
+                shape.site(DVec3::new(libm::cos(around), libm::sin(around), 0.0), below_mm),
+                0.3,
+            )
+            .0
         };
         for below_mm in [0.0, 10.0, 30.0] {
             let steps: Vec<DVec3> = (0..=400).map(|k| at(PI * k as f64 / 200.0 + 0.1, below_mm)).collect();
@@ -183,7 +195,7 @@ mod tests {
         // The tip is lit from the LED's side, whichever way one comes to it.
         for around in [0.0, 2.0, 4.0] {
             let normal = DVec3::new(1e-3 * libm::cos(around), 1e-3 * libm::sin(around), 1.0).normalize();
-            let (towards, _) = heat.at(shape.site(normal, 0.0), 0.3);
+            let (towards, _) = heat.direction_and_distance_mm(shape.site(normal, 0.0), 0.3);
             assert!(towards.angle_between(DVec3::new(libm::cos(0.3), libm::sin(0.3), 0.0)) < 0.02, "{towards}");
         }
     }

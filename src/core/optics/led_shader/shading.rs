@@ -7,115 +7,118 @@ use crate::base::view::SURFACE_BORDER;
 use crate::depth::raster::SAMPLES;
 use crate::gelpad::subpixel::{SampledPixel, Subpixel};
 
-use super::{Flat, Shader};
+use super::{LedShader, RestReflection};
 use crate::optics::background::BackgroundImage;
-use crate::optics::coarse::Values;
-use crate::optics::led::{Normals, Row};
-use crate::optics::normals::set_normals;
-use crate::optics::phong::{WithPower, with_power};
+use crate::optics::coarse::CoarseValues;
+use crate::optics::led::{Normals, RowPositions};
+use crate::optics::normals::fill_row_normals;
+use crate::optics::phong::{WithPower, run_with_power};
 use crate::optics::residual::{self, Planes};
 
-/// What of a surface is shaded, and how.
-pub(super) struct Lit<'a> {
+/// A surface to shade, and how.
+pub(super) struct ShadedSurface<'a> {
     /// Its shape, mm towards the camera, on the grid of [`crate::gelpad::Contact::surface`].
     pub shape: &'a Grid<f32>,
     /// Its displacement by the press, mm, on the same grid.
     pub displacement: &'a Grid<f32>,
-    /// What each LED gives at rest, to be taken off; empty if nothing is.
-    pub at_rest: &'a [Flat],
-    /// What the residual gives at rest, to be taken off.
+    /// Light of each LED at rest, to be subtracted; empty if nothing is.
+    pub at_rest: &'a [RestReflection],
+    /// Light of the residual at rest, to be subtracted.
     pub residual_at_rest: Option<&'a Planes>,
-    /// Its shape between pixel centres, where light is averaged: all of it within the part that is shaded.
+    /// Its shape between pixel centres, where light is averaged; all of it lies within the part that is shaded.
     pub subpixel: Option<&'a Subpixel>,
-    /// What the pad's relief adds to that.
+    /// The pad's relief, which `subpixel` does not contain.
     pub relief: Option<&'a Grid<f32>>,
-    /// The share of each LED that is seen; empty for all of it.
-    pub visible: &'a [Option<Values>],
-    /// Share of the light lost per mm of displacement.
+    /// The fraction of each LED that is seen; empty where all of it is.
+    pub visible_shares: &'a [Option<CoarseValues>],
+    /// Fraction of the light that is lost per mm of displacement.
     pub darkening_per_mm: f32,
 }
 
 /// Shades a part of the view.
-pub(super) fn shade(shader: &Shader, lit: &Lit<'_>, rest: &BackgroundImage, region: Rect) -> Light {
+pub(super) fn shade_region(shader: &LedShader, lit: &ShadedSurface<'_>, rest: &BackgroundImage, region: Rect) -> Light {
     let planes = std::array::from_fn(|_| Vec::with_capacity(region.area()));
     let mut light = Light { region, planes };
-    with_power(shader.phong.shininess, Picture { shader, lit, rest, light: &mut light });
+    run_with_power(shader.phong.shininess, ShadingTask { shader, lit, rest, light: &mut light });
     light
 }
 
-/// What each LED gives at a surface at rest.
-pub(super) fn at_rest(shader: &Shader, shape: &Grid<f32>, is_flat: bool) -> Vec<Flat> {
-    with_power(shader.phong.shininess, AtRest { shader, shape, is_flat })
+/// Computes the light of each LED on a surface at rest.
+pub(super) fn compute_rest_reflection(shader: &LedShader, shape: &Grid<f32>, is_flat: bool) -> Vec<RestReflection> {
+    run_with_power(shader.phong.shininess, RestReflectionTask { shader, shape, is_flat })
 }
 
-/// What the residual gives at a surface at rest, for each channel and pixel of the view.
-pub(super) fn residual_at_rest(shader: &Shader, shape: &Grid<f32>) -> Option<Planes> {
+/// Computes the light of the residual on a surface at rest, for each channel and pixel of the view; `None` if there is
+/// no residual.
+pub(super) fn compute_rest_residual(shader: &LedShader, shape: &Grid<f32>) -> Option<Planes> {
     let residual = shader.residual.as_ref()?;
     let [width, height] = shader.view.resolution_px;
     let (mut normals, mut planes, no_displacement) = (Normals::default(), Planes::default(), vec![0.0; width]);
-    residual::clear(&mut planes, width * height);
+    residual::reset_planes(&mut planes, width * height);
     for y in 0..height {
         let part = Rect { x0: 0, y0: y, x1: width, y1: y + 1 };
         simd_dispatch(
             #[inline(always)]
             || {
-                set_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
-                let row = residual::part(&mut planes, y * width..(y + 1) * width);
-                residual.add(&normals, &no_displacement, 1.0, row);
+                fill_row_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
+                let row = residual::slice_planes(&mut planes, y * width..(y + 1) * width);
+                residual.add_row(&normals, &no_displacement, 1.0, row);
             },
         );
     }
     Some(planes)
 }
 
-struct AtRest<'a> {
-    shader: &'a Shader,
+/// The work of [`compute_rest_reflection`].
+struct RestReflectionTask<'a> {
+    shader: &'a LedShader,
     shape: &'a Grid<f32>,
     is_flat: bool,
 }
 
-impl WithPower for AtRest<'_> {
-    type Output = Vec<Flat>;
+impl WithPower for RestReflectionTask<'_> {
+    type Output = Vec<RestReflection>;
 
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Vec<Flat> {
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Vec<RestReflection> {
         let Self { shader, shape, is_flat } = self;
         let [width, height] = shader.view.resolution_px;
         let mut normals = Normals::default();
         let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
-        let mut all: Vec<Flat> = Vec::new();
-        for lamp in &shader.lamps {
-            let even = is_flat && lamp.is_even();
-            let mut map = if even { Grid::new(1, 1) } else { Grid::new(width, height) };
+        let mut all: Vec<RestReflection> = Vec::new();
+        for led in &shader.leds {
+            let is_uniform = is_flat && led.is_uniform();
+            let mut map = if is_uniform { Grid::new(1, 1) } else { Grid::new(width, height) };
             for y in 0..map.height {
                 let part = Rect { x0: 0, y0: y, x1: map.width, y1: y + 1 };
                 simd_dispatch(
                     #[inline(always)]
                     || {
-                        set_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
-                        let row = shader.row(part, 0, centres(shape, part, 0));
-                        lamp.reflect(&normals, row, diffuse, specular, power, map.row_mut(y));
+                        fill_row_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
+                        let row = shader.row_positions(part, 0, row_heights(shape, part, 0));
+                        led.reflect(&normals, row, diffuse, specular, power, map.row_mut(y));
                     },
                 );
             }
-            all.push(if even { Flat::Even(map.at(0, 0)) } else { Flat::Map(map) });
+            all.push(if is_uniform { RestReflection::Uniform(map.at(0, 0)) } else { RestReflection::Map(map) });
         }
         all
     }
 }
 
-struct Picture<'a> {
-    shader: &'a Shader,
-    lit: &'a Lit<'a>,
+/// The work of [`shade_region`].
+struct ShadingTask<'a> {
+    shader: &'a LedShader,
+    lit: &'a ShadedSurface<'a>,
     rest: &'a BackgroundImage,
     light: &'a mut Light,
 }
 
-impl WithPower for Picture<'_> {
+impl WithPower for ShadingTask<'_> {
     type Output = ();
 
     fn run(self, power: impl Fn(f32) -> f32 + Copy) {
         let Self { shader, lit, rest, light } = self;
-        let mut rows = Rows::default();
+        let mut rows = RowScratch::default();
         simd_dispatch(
             #[inline(always)]
             || {
@@ -127,77 +130,79 @@ impl WithPower for Picture<'_> {
     }
 }
 
-/// What is kept of one row on the way.
+/// Scratch memory for a row.
 #[derive(Default)]
-struct Rows {
-    /// What the LEDs add to each channel, where that is scaled by the background.
+struct RowScratch {
+    /// What the LEDs add to each channel, if that is scaled by the background.
     added: [Vec<f32>; 3],
     normals: Normals,
     gain: Vec<f32>,
-    /// What the residual gives.
+    /// Light of the residual.
     residual: Planes,
-    between: Between,
+    subpixel: SubpixelScratch,
     share: Vec<f32>,
-    /// Shares on a coarser grid.
+    /// Shares of the LED that are seen, on their coarser grid.
     line: Vec<f32>,
 }
 
-/// What is kept of the samples of a row's pixels.
+/// Scratch memory for the samples of a row's pixels.
 #[derive(Default)]
-struct Between {
+struct SubpixelScratch {
     normals: Normals,
-    /// Where they are.
+    /// Where they are along the row, mm from the middle of the view.
     x_mm: Vec<f32>,
     heights_mm: Vec<f32>,
-    /// By how much their pixels are displaced.
-    displaced_mm: Vec<f32>,
-    /// What an LED gives at each, and what the residual does.
+    /// Displacement of their pixels, mm.
+    displacement_mm: Vec<f32>,
+    /// Light of an LED at each sample, and that of the residual.
     gain: Vec<f32>,
     residual: Planes,
 }
 
-/// Heights along row `row` of a part of the view.
+/// Returns the heights along row `row` of a part of the view.
 #[inline(always)]
-fn centres(shape: &Grid<f32>, part: Rect, row: usize) -> &[f32] {
+fn row_heights(shape: &Grid<f32>, part: Rect, row: usize) -> &[f32] {
     &shape.row(part.y0 + row + SURFACE_BORDER)[part.x0 + SURFACE_BORDER..][..part.width()]
 }
 
-impl Between {
-    /// Goes to the samples of these pixels in row `y` of the view, of a part of it whose displacements along the row are
-    /// `heights_mm`.
+impl SubpixelScratch {
+    /// Fills in the samples of these pixels in row `y` of the view. `heights_mm` are the displacements along the row of
+    /// `part`.
     #[inline(always)]
-    fn go(
+    fn fill_samples(
         &mut self,
-        shader: &Shader,
-        lit: &Lit<'_>,
+        shader: &LedShader,
+        lit: &ShadedSurface<'_>,
         pixels: &[SampledPixel],
         part: Rect,
         y: usize,
         heights_mm: &[f32],
     ) {
-        let Self { normals: Normals { x: nx, y: ny, z: nz }, x_mm, heights_mm: between_mm, displaced_mm, .. } = self;
-        let mut planes = [nx, ny, nz, x_mm, between_mm, displaced_mm].map(|plane| {
+        let Self {
+            normals: Normals { x: nx, y: ny, z: nz }, x_mm, heights_mm: sample_heights_mm, displacement_mm, ..
+        } = self;
+        let mut planes = [nx, ny, nz, x_mm, sample_heights_mm, displacement_mm].map(|plane| {
             plane.resize(pixels.len() * SAMPLES, 0.0);
             plane.as_chunks_mut::<SAMPLES>().0
         });
-        let [nx, ny, nz, x_mm, between_mm, displaced_mm] = &mut planes;
+        let [nx, ny, nz, x_mm, sample_heights_mm, displacement_mm] = &mut planes;
         if let Some(subpixel) = lit.subpixel {
             for (at, pixel) in pixels.iter().enumerate() {
                 let x = pixel.x as usize;
-                [nx[at], ny[at]] = subpixel.falls(pixel);
+                [nx[at], ny[at]] = subpixel.sample_slopes(pixel);
                 x_mm[at] = [shader.columns_mm[x]; SAMPLES];
-                between_mm[at] = subpixel.heights_mm(pixel);
-                // It changes little within the pixel beside its slope.
-                displaced_mm[at] = [heights_mm[x - part.x0]; SAMPLES];
+                sample_heights_mm[at] = subpixel.heights_mm(pixel);
+                // The displacement changes little within a pixel, unlike the slope.
+                displacement_mm[at] = [heights_mm[x - part.x0]; SAMPLES];
                 if let Some(relief) = lit.relief {
-                    let ([along, down], mm) = subpixel.of_relief(pixel, y, relief);
+                    let ([along, down], mm) = subpixel.relief_slope_and_height(pixel, y, relief);
                     nx[at].iter_mut().for_each(|fall| *fall += along);
                     ny[at].iter_mut().for_each(|fall| *fall += down);
-                    between_mm[at].iter_mut().for_each(|height| *height += mm);
+                    sample_heights_mm[at].iter_mut().for_each(|height| *height += mm);
                 }
             }
         }
-        // In one long loop, of which the compiler makes vectors.
+        // One long loop, which the compiler turns into vectors.
         let [nx, ny, nz] = [nx, ny, nz].map(|plane| plane.as_flattened_mut());
         for ((x, y), z) in nx.iter_mut().zip(ny).zip(nz) {
             let inverse = 1.0 / (*x * *x + *y * *y + 1.0).sqrt();
@@ -206,9 +211,9 @@ impl Between {
     }
 }
 
-/// Takes values at pixels' centres to those on average over the pixels.
+/// Moves values at pixel centres towards the means over the pixels, by the weight of each pixel.
 #[inline(always)]
-fn average(values: &mut [f32], samples: &[f32], pixels: &[SampledPixel], x0: usize) {
+fn average_samples(values: &mut [f32], samples: &[f32], pixels: &[SampledPixel], x0: usize) {
     for (pixel, samples) in pixels.iter().zip(samples.as_chunks::<SAMPLES>().0) {
         let [a, b, c, d, e, f, g, h] = samples;
         let mean = (((a + b) + (c + d)) + ((e + f) + (g + h))) * (1.0 / SAMPLES as f32);
@@ -217,25 +222,25 @@ fn average(values: &mut [f32], samples: &[f32], pixels: &[SampledPixel], x0: usi
     }
 }
 
-/// Shades row `row` of the light's region. Every loop runs along the row with nothing but arithmetic in it, so that
-/// the compiler makes eight pixels of each step.
+/// Shades row `row` of the light's region. Every loop runs along the row with nothing but arithmetic in it, so that the
+/// compiler computes eight pixels in each step.
 #[inline(always)]
 fn shade_row(
-    shader: &Shader,
-    lit: &Lit<'_>,
+    shader: &LedShader,
+    lit: &ShadedSurface<'_>,
     rest: &BackgroundImage,
     light: &mut Light,
     row: usize,
-    rows: &mut Rows,
+    rows: &mut RowScratch,
     power: impl Fn(f32) -> f32 + Copy,
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
-    let heights_mm = centres(lit.displacement, region, row);
-    let Rows { added, normals, gain, residual, between, share, line } = rows;
+    let heights_mm = row_heights(lit.displacement, region, row);
+    let RowScratch { added, normals, gain, residual, subpixel, share, line } = rows;
     let pixels = lit.subpixel.map_or(&[][..], |subpixel| subpixel.row(y));
-    between.go(shader, lit, pixels, region, y, heights_mm);
-    set_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
+    subpixel.fill_samples(shader, lit, pixels, region, y, heights_mm);
+    fill_row_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
     for (plane, rest_plane) in light.planes.iter_mut().zip(&rest.planes) {
@@ -255,33 +260,33 @@ fn shade_row(
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
-    let places = shader.row(region, row, centres(lit.shape, region, row));
-    for (number, lamp) in shader.lamps.iter().enumerate() {
-        lamp.reflect(normals, places, diffuse, specular, power, gain);
+    let places = shader.row_positions(region, row, row_heights(lit.shape, region, row));
+    for (number, led) in shader.leds.iter().enumerate() {
+        led.reflect(normals, places, diffuse, specular, power, gain);
         if !pixels.is_empty() {
-            let Between { normals, x_mm, heights_mm, gain: samples, .. } = &mut *between;
+            let SubpixelScratch { normals, x_mm, heights_mm, gain: samples, .. } = &mut *subpixel;
             samples.resize(pixels.len() * SAMPLES, 0.0);
-            let places = Row { x_mm, y_mm: shader.row_mm(y), heights_mm };
-            lamp.reflect(normals, places, diffuse, specular, power, samples);
-            average(gain, samples, pixels, region.x0);
+            let places = RowPositions { x_mm, y_mm: shader.row_y_mm(y), heights_mm };
+            led.reflect(normals, places, diffuse, specular, power, samples);
+            average_samples(gain, samples, pixels, region.x0);
         }
-        if let Some(Some(visible)) = lit.visible.get(number) {
-            visible.row(y, region.x0, line, share);
+        if let Some(Some(visible)) = lit.visible_shares.get(number) {
+            visible.interpolate_row(y, region.x0, line, share);
             for (gain, share) in gain.iter_mut().zip(&*share) {
                 *gain *= share;
             }
         }
         let flat = match lit.at_rest.get(number) {
             None => 0.0,
-            Some(Flat::Even(flat)) => *flat,
-            Some(Flat::Map(map)) => {
+            Some(RestReflection::Uniform(flat)) => *flat,
+            Some(RestReflection::Map(map)) => {
                 for (gain, flat) in gain.iter_mut().zip(&map.row(y)[region.x0..region.x1]) {
                     *gain -= flat;
                 }
                 0.0
             }
         };
-        let color = lamp.color;
+        let color = led.color;
         for x in 0..width {
             let gain = gain[x] - flat;
             red[x] += gain * color[0];
@@ -289,14 +294,19 @@ fn shade_row(
             blue[x] += gain * color[2];
         }
     }
-    if let Some(ready) = &shader.residual {
-        residual::clear(residual, width);
-        ready.add(normals, heights_mm, 1.0, residual::part(residual, 0..width));
-        let Between { normals: normals_between, displaced_mm, residual: samples, .. } = &mut *between;
-        residual::clear(samples, displaced_mm.len());
-        ready.add(normals_between, displaced_mm, 1.0, residual::part(samples, 0..displaced_mm.len()));
+    if let Some(prepared) = &shader.residual {
+        residual::reset_planes(residual, width);
+        prepared.add_row(normals, heights_mm, 1.0, residual::slice_planes(residual, 0..width));
+        let SubpixelScratch { normals: sample_normals, displacement_mm, residual: samples, .. } = &mut *subpixel;
+        residual::reset_planes(samples, displacement_mm.len());
+        prepared.add_row(
+            sample_normals,
+            displacement_mm,
+            1.0,
+            residual::slice_planes(samples, 0..displacement_mm.len()),
+        );
         for (channel, (plane, out)) in residual.iter_mut().zip([red, green, blue]).enumerate() {
-            average(plane, &samples[channel], pixels, region.x0);
+            average_samples(plane, &samples[channel], pixels, region.x0);
             if let Some(at_rest) = lit.residual_at_rest {
                 let at_rest = &at_rest[channel][y * shader.view.resolution_px[0] + region.x0..][..width];
                 plane.iter_mut().zip(at_rest).for_each(|(value, at_rest)| *value -= at_rest);

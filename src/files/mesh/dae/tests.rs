@@ -7,7 +7,7 @@ fn edited(from: &str, to: &str) -> String {
     text.replace(from, to)
 }
 
-fn read_text(text: &str) -> Raw {
+fn read_text(text: &str) -> RawMesh {
     read(text.as_bytes()).unwrap_or_else(|error| panic!("{error}"))
 }
 

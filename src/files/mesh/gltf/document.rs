@@ -1,4 +1,4 @@
-//! What of a glTF file's JSON says where triangles are.
+//! The parts of a glTF file's JSON that say where triangles are.
 
 use std::collections::BTreeMap;
 
@@ -45,10 +45,10 @@ pub(super) struct Node {
     pub(super) skin: Option<usize>,
     #[serde(default)]
     pub(super) children: Vec<usize>,
-    /// Column by column.
+    /// The transform, column by column.
     pub(super) matrix: Option<[f64; 16]>,
     pub(super) translation: Option<[f64; 3]>,
-    /// x, y, z, w.
+    /// A quaternion in the order x, y, z, w.
     pub(super) rotation: Option<[f64; 4]>,
     pub(super) scale: Option<[f64; 3]>,
 }
@@ -102,10 +102,10 @@ pub(super) struct Buffer {
     pub(super) byte_length: usize,
 }
 
-/// The JSON of a file, and what follows it in a binary one.
+/// Parses the JSON of a file. Also returns the buffer that follows it in a binary file.
 pub(super) fn parse(bytes: &[u8]) -> Result<(Document, Option<&[u8]>), MeshFileError> {
     let (json, binary) = match bytes.strip_prefix(b"glTF") {
-        Some(rest) => chunks(rest)?,
+        Some(rest) => split_chunks(rest)?,
         None => (bytes, None),
     };
     let document = serde_json::from_slice(json).map_err(|error| {
@@ -116,15 +116,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<(Document, Option<&[u8]>), MeshFileE
     Ok((document, binary))
 }
 
-/// JSON and buffer of a binary file, behind its first four bytes.
-fn chunks(rest: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshFileError> {
-    let early = || MeshFileProblem::EndsEarly("the chunks of a binary file".into());
-    let ([version, _length], mut rest) = numbers(rest).ok_or_else(early)?;
+/// Splits what follows the first four bytes of a binary file into its JSON and its buffer.
+fn split_chunks(rest: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshFileError> {
+    let early = || MeshFileProblem::UnexpectedEnd("the chunks of a binary file".into());
+    let ([version, _length], mut rest) = read_u32_pair(rest).ok_or_else(early)?;
     if version != 2 {
         return Err(MeshFileProblem::Unsupported(format!("is binary glTF {version}, of which 2 is read")).into());
     }
     let mut chunk = |kind: &[u8; 4]| {
-        let ([length, found], after) = numbers(rest)?;
+        let ([length, found], after) = read_u32_pair(rest)?;
         let (content, after) = after.split_at_checked(length as usize)?;
         rest = after;
         (found == u32::from_le_bytes(*kind)).then_some(content)
@@ -133,7 +133,7 @@ fn chunks(rest: &[u8]) -> Result<(&[u8], Option<&[u8]>), MeshFileError> {
     Ok((json, chunk(b"BIN\0")))
 }
 
-fn numbers(bytes: &[u8]) -> Option<([u32; 2], &[u8])> {
+fn read_u32_pair(bytes: &[u8]) -> Option<([u32; 2], &[u8])> {
     let (numbers, rest) = bytes.split_first_chunk::<8>()?;
     let [first, second] = [0, 4].map(|at| numbers[at..at + 4].try_into().map(u32::from_le_bytes));
     Some(([first.ok()?, second.ok()?], rest))

@@ -1,15 +1,15 @@
 //! Reads glTF 2.0: the triangles of every mesh that a scene shows, where its nodes place it.
 //!
-//! Our own reader: of damaged files the crate `gltf` 1.4 adds up offsets past the end of the number range and unwraps
-//! what is not there. Format: Khronos, glTF 2.0 specification (2021).
+//! Our own reader, since the crate `gltf` 1.4 overflows when it adds up the offsets of damaged files, and panics where
+//! something is missing. Format: Khronos, glTF 2.0 specification (2021).
 
 use std::collections::HashMap;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use super::others::Others;
 use super::points::PointKind;
-use super::raw::{Raw, fan, strip};
+use super::raw::{RawMesh, iter_fan_triangles, iter_strip_triangles};
+use super::resources::Resources;
 use super::{MeshFileError, MeshFileProblem};
 use gelsim_core::mesh::MeshError;
 
@@ -19,12 +19,12 @@ mod document;
 use buffers::Buffers;
 use document::{Document, Mesh, Node, Primitive};
 
-/// Extensions that a file may require: all that say how things look, and shorter coordinates.
-const KNOWN: [&str; 6] =
+/// Extensions that a file may require: those about appearance, and one for shorter coordinates.
+const SUPPORTED_EXTENSIONS: [&str; 6] =
     ["KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_animation_pointer"];
 
-/// Deepest nodes in nodes.
-const DEEPEST: usize = 256;
+/// The greatest depth of nodes in nodes.
+const MAX_NODE_DEPTH: usize = 256;
 
 pub(super) fn malformed<T>(message: String) -> Result<T, MeshFileError> {
     Err(MeshFileProblem::Malformed(message).into())
@@ -34,11 +34,12 @@ fn unsupported<T>(message: String) -> Result<T, MeshFileError> {
     Err(MeshFileProblem::Unsupported(message).into())
 }
 
-/// Vertices and triangles in the order in which scenes name them; each node with a mesh is a part. Its unit is the metre.
-pub(super) fn read(bytes: &[u8], others: &mut Others) -> Result<Raw, MeshFileError> {
+/// Reads vertices and triangles in the order in which scenes name them. Each node with a mesh is a part. The unit is
+/// the metre.
+pub(super) fn read(bytes: &[u8], others: &mut Resources) -> Result<RawMesh, MeshFileError> {
     let (document, binary) = document::parse(bytes)?;
     for extension in &document.extensions_required {
-        if !KNOWN.iter().any(|known| extension.starts_with(known)) {
+        if !SUPPORTED_EXTENSIONS.iter().any(|known| extension.starts_with(known)) {
             let name = extension.escape_debug();
             return unsupported(format!("requires the extension {name}, which is not read"));
         }
@@ -47,18 +48,19 @@ pub(super) fn read(bytes: &[u8], others: &mut Others) -> Result<Raw, MeshFileErr
         return unsupported(format!("is glTF {}, of which 2.0 is read", document.asset.version.escape_debug()));
     }
     let mut buffers = Buffers::new(&document, binary, others);
-    let mut raw = Raw { mm_per_unit: Some(1000.0), ..Raw::default() };
+    let mut raw = RawMesh { mm_per_unit: Some(1000.0), ..RawMesh::default() };
     let mut seen = vec![false; document.nodes.len()];
     let mut waiting: Vec<(usize, DAffine3, usize)> =
-        roots(&document).into_iter().rev().map(|root| (root, DAffine3::IDENTITY, 0)).collect();
+        find_root_nodes(&document).into_iter().rev().map(|root| (root, DAffine3::IDENTITY, 0)).collect();
     while let Some((number, outer, depth)) = waiting.pop() {
         let Some(node) = document.nodes.get(number) else {
             return malformed(format!("refers to node {number}, but has {}", document.nodes.len()));
         };
-        if std::mem::replace(&mut seen[number], true) || depth > DEEPEST {
+        // The format allows a node one parent. A circle would never end.
+        if std::mem::replace(&mut seen[number], true) || depth > MAX_NODE_DEPTH {
             return malformed(format!("node {number} is the child of two nodes, or of itself"));
         }
-        let place = outer * place(node);
+        let place = outer * read_transform(node);
         if let Some(at) = node.mesh {
             let Some(mesh) = document.meshes.get(at) else {
                 return malformed(format!(
@@ -71,16 +73,17 @@ pub(super) fn read(bytes: &[u8], others: &mut Others) -> Result<Raw, MeshFileErr
             }
             let name = [&node.name, &mesh.name].into_iter().flatten().find(|name| !name.is_empty());
             let name = name.cloned().unwrap_or_else(|| format!("node{number}"));
-            raw.parts.begin(&name, raw.triangles.len());
-            add(&mut raw, mesh, &place, &mut buffers, bytes.len())?;
+            raw.parts.begin_part(&name, raw.triangles.len());
+            add_mesh(&mut raw, mesh, &place, &mut buffers, bytes.len())?;
         }
         waiting.extend(node.children.iter().rev().map(|&child| (child, place, depth + 1)));
     }
     Ok(raw)
 }
 
-/// The nodes that scenes begin with, each once; without a scene, those that are nobody's child.
-fn roots(document: &Document) -> Vec<usize> {
+/// Returns the nodes that scenes begin with, each once. If there is no scene, these are the nodes that are nobody's
+/// child.
+fn find_root_nodes(document: &Document) -> Vec<usize> {
     let mut taken = vec![false; document.nodes.len()];
     if document.scenes.is_empty() {
         for child in document.nodes.iter().flat_map(|node| &node.children) {
@@ -91,12 +94,12 @@ fn roots(document: &Document) -> Vec<usize> {
         return (0..taken.len()).filter(|&node| !taken[node]).collect();
     }
     let named = document.scenes.iter().flat_map(|scene| &scene.nodes).copied();
-    // One that is not there is found wrong where it is read.
+    // A node that does not exist is kept: it is reported when it is read.
     named.filter(|&node| taken.get_mut(node).is_none_or(|taken| !std::mem::replace(taken, true))).collect()
 }
 
-/// Where a node is in the one that it is in.
-fn place(node: &Node) -> DAffine3 {
+/// Reads the place of a node in its parent.
+fn read_transform(node: &Node) -> DAffine3 {
     if let Some(m) = node.matrix {
         let column = |k: usize| DVec3::new(m[4 * k], m[4 * k + 1], m[4 * k + 2]);
         return DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) };
@@ -112,14 +115,20 @@ fn place(node: &Node) -> DAffine3 {
     )
 }
 
-fn add(raw: &mut Raw, mesh: &Mesh, place: &DAffine3, buffers: &mut Buffers, file: usize) -> Result<(), MeshFileError> {
-    // Primitives often share their vertices: where those of an accessor begin, and how many there are.
+fn add_mesh(
+    raw: &mut RawMesh,
+    mesh: &Mesh,
+    place: &DAffine3,
+    buffers: &mut Buffers,
+    file: usize,
+) -> Result<(), MeshFileError> {
+    // Primitives often share vertices: by accessor, the first of its vertices and their number.
     let mut added: HashMap<usize, (u32, usize)> = HashMap::new();
     for primitive in &mesh.primitives {
-        // 4 is what a primitive without a mode is; below are points and lines.
+        // A primitive without a mode has 4, triangles; below 4 are points and lines.
         let mode = primitive.mode.unwrap_or(4);
         if mode < 4 {
-            let accessor = primitive.attributes.get("POSITION").and_then(|positions| buffers.count(*positions));
+            let accessor = primitive.attributes.get("POSITION").and_then(|positions| buffers.element_count(*positions));
             let is_splat = primitive.extensions.keys().any(|name| name.contains("gaussian_splatting"));
             raw.points.kind = match mode {
                 0 if is_splat => PointKind::Splats,
@@ -136,27 +145,27 @@ fn add(raw: &mut Raw, mesh: &Mesh, place: &DAffine3, buffers: &mut Buffers, file
         let (first, count) = match added.get(&positions) {
             Some(known) => *known,
             None => {
-                let points = buffers.points(positions)?;
+                let points = buffers.read_points(positions)?;
                 let new = (raw.add_vertices(place, points.iter().copied())?, points.len());
                 added.insert(positions, new);
                 new
             }
         };
-        raw.add_triangles(place, first, &triangles(primitive, mode, count, buffers)?);
+        raw.add_triangles(place, first, &read_triangles(primitive, mode, count, buffers)?);
         raw.check_growth(file + buffers.bytes)?;
     }
     Ok(())
 }
 
-/// The triangles of a primitive of a mode from 4 up, by numbers of its `count` vertices.
-fn triangles(
+/// Reads the triangles of a primitive with a mode from 4 up, as indices of its `count` vertices.
+fn read_triangles(
     primitive: &Primitive,
     mode: u32,
     count: usize,
     buffers: &mut Buffers,
 ) -> Result<Vec<[u32; 3]>, MeshFileError> {
     let corners = match primitive.indices {
-        Some(indices) => buffers.indices(indices)?,
+        Some(indices) => buffers.read_indices(indices)?,
         None => (0..count as u32).collect(),
     };
     if let Some(&index) = corners.iter().find(|corner| **corner as usize >= count) {
@@ -164,8 +173,8 @@ fn triangles(
     }
     Ok(match mode {
         4 => corners.as_chunks::<3>().0.to_vec(),
-        5 => strip(&corners).collect(),
-        6 => fan(&corners).collect(),
+        5 => iter_strip_triangles(&corners).collect(),
+        6 => iter_fan_triangles(&corners).collect(),
         mode => return malformed(format!("a primitive has mode {mode}, but the last is 6")),
     })
 }

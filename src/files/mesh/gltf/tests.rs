@@ -1,14 +1,14 @@
 use super::*;
 use crate::mesh::tests::{CORNERS, cube_buffer, cube_gltf, glb};
-use crate::mesh::{Format, Reading, load, load_parts, parse};
+use crate::mesh::{Format, MeshReadOptions, load, load_parts, parse};
 use std::fs;
 
-fn read_glb(json: &str, binary: &[u8]) -> Raw {
-    read(&glb(json, binary), &mut Others::none()).unwrap_or_else(|error| panic!("{error}"))
+fn read_glb(json: &str, binary: &[u8]) -> RawMesh {
+    read(&glb(json, binary), &mut Resources::none()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn failure(json: &str, binary: &[u8]) -> String {
-    let error = read(&glb(json, binary), &mut Others::none()).expect_err("a mistake");
+    let error = read(&glb(json, binary), &mut Resources::none()).expect_err("a mistake");
     error.to_string()
 }
 
@@ -69,7 +69,7 @@ fn strips_and_fans_are_cut_and_lines_passed_over() {
             "accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}}],
             "bufferViews":[{{"buffer":0,"byteLength":48}}],"buffers":[{{"byteLength":48}}]}}"#
         );
-        read(&glb(&json, &points), &mut Others::none()).map(|raw| raw.triangles).map_err(|error| error.to_string())
+        read(&glb(&json, &points), &mut Resources::none()).map(|raw| raw.triangles).map_err(|error| error.to_string())
     };
     assert_eq!(of_mode(4), Ok(vec![[0, 1, 2]]));
     assert_eq!(of_mode(5), Ok(vec![[0, 1, 2], [2, 1, 3]]));
@@ -95,13 +95,13 @@ fn the_hash_covers_the_buffer_beside() {
     let path = folder.path().join("a.gltf");
     let buffer = folder.path().join("a b.bin");
     fs::write(&path, cube_gltf("\"uri\":\"a%20b.bin\",")).unwrap();
-    let missing = load(&path, Reading::default()).unwrap_err();
+    let missing = load(&path, MeshReadOptions::default()).unwrap_err();
     assert!(missing.to_string().ends_with("a.gltf: names the buffer `a b.bin`, which is not there"), "{missing}");
     assert!(missing.help().contains("export one .glb"), "{}", missing.help());
     let two = cube_gltf("\"uri\":\"a%20b.bin\",")
         .replace("\"buffers\":[", "\"buffers\":[{\"uri\":\"c.bin\",\"byteLength\":1},");
     fs::write(folder.path().join("two.gltf"), two).unwrap();
-    let missing = load(&folder.path().join("two.gltf"), Reading::default()).unwrap_err().to_string();
+    let missing = load(&folder.path().join("two.gltf"), MeshReadOptions::default()).unwrap_err().to_string();
     assert!(missing.ends_with("names 2 buffers that are not there: `c.bin`, `a b.bin`"), "{missing}");
     fs::write(&buffer, cube_buffer()).unwrap();
     let first = load(&path, 2.0).unwrap();
@@ -158,6 +158,6 @@ fn what_is_not_read_is_said() {
     ] {
         assert_eq!(failure(&json, &cube_buffer()), expected);
     }
-    let error = read(b"{\n\"asset\": 5}", &mut Others::none()).err().unwrap().to_string();
+    let error = read(b"{\n\"asset\": 5}", &mut Resources::none()).err().unwrap().to_string();
     assert!(error.starts_with("line 2: is not glTF: "), "{error}");
 }

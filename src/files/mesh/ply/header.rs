@@ -1,6 +1,6 @@
-//! The header of a PLY file: which elements it has, with which properties, in which encoding.
+//! Reads the header of a PLY file: its encoding, its elements and their properties.
 
-use crate::mesh::{MeshFileError, MeshFileProblem, Words, quoted};
+use crate::mesh::{MeshFileError, MeshFileProblem, WordReader, quote_word};
 
 pub(super) struct Header {
     pub(super) encoding: Encoding,
@@ -15,7 +15,7 @@ pub(super) enum Encoding {
 }
 
 pub(super) struct Element {
-    pub(super) kind: Kind,
+    pub(super) kind: ElementKind,
     pub(super) name: String,
     pub(super) count: u64,
     pub(super) line: usize,
@@ -23,33 +23,33 @@ pub(super) struct Element {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Kind {
+pub(super) enum ElementKind {
     Vertex,
     Face,
-    /// Triangles in strips: corner after corner, -1 between two strips.
+    /// Triangle strips: corner after corner, with -1 between two strips.
     Strips,
     Other,
 }
 
 #[derive(Clone, Copy)]
 pub(super) struct Property {
-    pub(super) role: Role,
-    /// Type of the length, if this is a list.
-    pub(super) list: Option<Scalar>,
-    pub(super) scalar: Scalar,
+    pub(super) role: PropertyRole,
+    /// The type of the length, if the property is a list.
+    pub(super) list: Option<ScalarType>,
+    pub(super) scalar: ScalarType,
 }
 
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Role {
+pub(super) enum PropertyRole {
     Coordinate(usize),
     Corners,
-    /// A colour of a Gaussian splat.
+    /// The property that marks a Gaussian splat: its first colour coefficient.
     Splat,
     Other,
 }
 
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Scalar {
+pub(super) enum ScalarType {
     I8,
     U8,
     I16,
@@ -60,59 +60,59 @@ pub(super) enum Scalar {
     F64,
 }
 
-impl Scalar {
-    fn named(name: &[u8]) -> Option<Scalar> {
+impl ScalarType {
+    fn from_name(name: &[u8]) -> Option<ScalarType> {
         match name {
-            b"char" | b"int8" => Some(Scalar::I8),
-            b"uchar" | b"uint8" => Some(Scalar::U8),
-            b"short" | b"int16" => Some(Scalar::I16),
-            b"ushort" | b"uint16" => Some(Scalar::U16),
-            b"int" | b"int32" => Some(Scalar::I32),
-            b"uint" | b"uint32" => Some(Scalar::U32),
-            b"float" | b"float32" => Some(Scalar::F32),
-            b"double" | b"float64" => Some(Scalar::F64),
+            b"char" | b"int8" => Some(ScalarType::I8),
+            b"uchar" | b"uint8" => Some(ScalarType::U8),
+            b"short" | b"int16" => Some(ScalarType::I16),
+            b"ushort" | b"uint16" => Some(ScalarType::U16),
+            b"int" | b"int32" => Some(ScalarType::I32),
+            b"uint" | b"uint32" => Some(ScalarType::U32),
+            b"float" | b"float32" => Some(ScalarType::F32),
+            b"double" | b"float64" => Some(ScalarType::F64),
             _ => None,
         }
     }
 
     pub(super) fn size(self) -> usize {
         match self {
-            Scalar::I8 | Scalar::U8 => 1,
-            Scalar::I16 | Scalar::U16 => 2,
-            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
-            Scalar::F64 => 8,
+            ScalarType::I8 | ScalarType::U8 => 1,
+            ScalarType::I16 | ScalarType::U16 => 2,
+            ScalarType::I32 | ScalarType::U32 | ScalarType::F32 => 4,
+            ScalarType::F64 => 8,
         }
     }
 }
 
 impl Header {
-    /// Leaves `words` at the first byte of the body.
-    pub(super) fn read(words: &mut Words) -> Result<Header, MeshFileError> {
-        if words.word() != Some(b"ply") || words.break_len(words.at) == 0 {
+    /// Reads the header and leaves `words` at the first byte of the body.
+    pub(super) fn read(words: &mut WordReader) -> Result<Header, MeshFileError> {
+        if words.next_word() != Some(b"ply") || words.break_len(words.at) == 0 {
             return Err(MeshFileError::at_line(1, MeshFileProblem::Malformed("a PLY file starts with `ply`".into())));
         }
-        // Where lines end with a CR alone, an LF after the last one belongs to the body.
+        // If lines end with a CR alone, an LF after the last one belongs to the body.
         let is_lone_cr = words.bytes[words.at] == b'\r' && words.break_len(words.at) == 1;
         let mut encoding = None;
         let mut elements = Vec::new();
         while words.next_line() {
             let line = words.line;
-            let Some(keyword) = words.word() else {
+            let Some(keyword) = words.next_word() else {
                 continue;
             };
             let done = match keyword {
                 b"comment" | b"obj_info" => Ok(()),
-                b"format" => format(words).map(|found| encoding = Some(found)),
+                b"format" => read_encoding(words).map(|found| encoding = Some(found)),
                 b"element" => Element::read(words, line, &elements).map(|element| elements.push(element)),
                 b"property" => match elements.last_mut() {
-                    Some(element) => Property::read(words, element),
+                    Some(element) => Property::append_declared(words, element),
                     None => malformed("a property stands before the first element".into()),
                 },
                 b"end_header" => {
                     let encoding = encoding.ok_or_else(|| {
                         MeshFileError::at_line(line, MeshFileProblem::Malformed("no `format` above".into()))
                     })?;
-                    elements.iter().try_for_each(Element::check)?;
+                    elements.iter().try_for_each(Element::check_properties)?;
                     while let Some(b' ' | b'\t') = words.bytes.get(words.at) {
                         words.at += 1;
                     }
@@ -121,11 +121,11 @@ impl Header {
                     words.line += 1;
                     return Ok(Header { encoding, elements });
                 }
-                word => malformed(format!("{} is not a word of a PLY header", quoted(word))),
+                word => malformed(format!("{} is not a word of a PLY header", quote_word(word))),
             };
             done.map_err(|problem| MeshFileError::at_line(line, problem))?;
         }
-        Err(MeshFileProblem::EndsEarly("the header".into()).into())
+        Err(MeshFileProblem::UnexpectedEnd("the header".into()).into())
     }
 }
 
@@ -133,46 +133,50 @@ pub(super) fn malformed<T>(message: String) -> Result<T, MeshFileProblem> {
     Err(MeshFileProblem::Malformed(message))
 }
 
-fn format(words: &mut Words) -> Result<Encoding, MeshFileProblem> {
-    match words.word() {
+fn read_encoding(words: &mut WordReader) -> Result<Encoding, MeshFileProblem> {
+    match words.next_word() {
         Some(b"ascii") => Ok(Encoding::Ascii),
         Some(b"binary_little_endian") => Ok(Encoding::LittleEndian),
         Some(b"binary_big_endian") => Ok(Encoding::BigEndian),
-        word => malformed(format!("{} is not a format of PLY", quoted(word.unwrap_or_default()))),
+        word => malformed(format!("{} is not a format of PLY", quote_word(word.unwrap_or_default()))),
     }
 }
 
 impl Element {
-    fn read(words: &mut Words, line: usize, before: &[Element]) -> Result<Element, MeshFileProblem> {
-        let (Some(name), Some(count)) = (words.word(), words.word()) else {
+    fn read(words: &mut WordReader, line: usize, before: &[Element]) -> Result<Element, MeshFileProblem> {
+        let (Some(name), Some(count)) = (words.next_word(), words.next_word()) else {
             return malformed("an element needs a name and a count".into());
         };
         let count = str::from_utf8(count)
             .ok()
             .and_then(|count| count.parse().ok())
-            .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a count", quoted(count))))?;
+            .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a count", quote_word(count))))?;
         let kind = match name {
-            b"vertex" => Kind::Vertex,
-            b"face" => Kind::Face,
-            b"tristrips" | b"tristrip" => Kind::Strips,
-            _ => Kind::Other,
+            b"vertex" => ElementKind::Vertex,
+            b"face" => ElementKind::Face,
+            b"tristrips" | b"tristrip" => ElementKind::Strips,
+            _ => ElementKind::Other,
         };
-        let name = quoted(name);
-        if kind != Kind::Other && before.iter().any(|element| element.kind == kind) {
+        let name = quote_word(name);
+        if kind != ElementKind::Other && before.iter().any(|element| element.kind == kind) {
             return malformed(format!("a second element {name}"));
         }
         Ok(Element { kind, name, count, line, properties: Vec::new() })
     }
 
-    pub(super) fn has(&self, role: Role) -> bool {
+    pub(super) fn has_role(&self, role: PropertyRole) -> bool {
         self.properties.iter().any(|property| property.role == role)
     }
 
-    /// Whether the element has the properties that we need.
-    fn check(&self) -> Result<(), MeshFileError> {
+    /// Checks that the element has the properties that are needed.
+    fn check_properties(&self) -> Result<(), MeshFileError> {
         let missing = match self.kind {
-            Kind::Vertex if !(0..3).all(|axis| self.has(Role::Coordinate(axis))) => "numbers x, y and z",
-            Kind::Face | Kind::Strips if self.count > 0 && !self.has(Role::Corners) => "list vertex_indices",
+            ElementKind::Vertex if !(0..3).all(|axis| self.has_role(PropertyRole::Coordinate(axis))) => {
+                "numbers x, y and z"
+            }
+            ElementKind::Face | ElementKind::Strips if self.count > 0 && !self.has_role(PropertyRole::Corners) => {
+                "list vertex_indices"
+            }
             _ => return Ok(()),
         };
         let message = format!("element {} lacks the {missing}", self.name);
@@ -181,33 +185,35 @@ impl Element {
 }
 
 impl Property {
-    /// Appends the property that is declared next to those of `element`.
-    fn read(words: &mut Words, element: &mut Element) -> Result<(), MeshFileProblem> {
+    /// Reads the declaration of a property and appends it to those of `element`.
+    fn append_declared(words: &mut WordReader, element: &mut Element) -> Result<(), MeshFileProblem> {
         let scalar = |name: Option<&[u8]>| {
             let name = name.unwrap_or_default();
-            Scalar::named(name)
-                .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a type of PLY", quoted(name))))
+            ScalarType::from_name(name)
+                .ok_or_else(|| MeshFileProblem::Malformed(format!("{} is not a type of PLY", quote_word(name))))
         };
-        let (list, scalar) = match words.word() {
-            Some(b"list") => (Some(scalar(words.word())?), scalar(words.word())?),
+        let (list, scalar) = match words.next_word() {
+            Some(b"list") => (Some(scalar(words.next_word())?), scalar(words.next_word())?),
             name => (None, scalar(name)?),
         };
-        if matches!(list, Some(Scalar::F32 | Scalar::F64)) {
+        if matches!(list, Some(ScalarType::F32 | ScalarType::F64)) {
             return malformed("the length of a list must be an integer".into());
         }
-        let Some(name) = words.word() else {
+        let Some(name) = words.next_word() else {
             return malformed("a property needs a name".into());
         };
         let role = match (element.kind, name, list) {
-            (Kind::Vertex, b"x", None) => Role::Coordinate(0),
-            (Kind::Vertex, b"y", None) => Role::Coordinate(1),
-            (Kind::Vertex, b"z", None) => Role::Coordinate(2),
-            (Kind::Face | Kind::Strips, b"vertex_indices" | b"vertex_index", Some(_)) => Role::Corners,
-            (Kind::Vertex, b"f_dc_0", None) => Role::Splat,
-            _ => Role::Other,
+            (ElementKind::Vertex, b"x", None) => PropertyRole::Coordinate(0),
+            (ElementKind::Vertex, b"y", None) => PropertyRole::Coordinate(1),
+            (ElementKind::Vertex, b"z", None) => PropertyRole::Coordinate(2),
+            (ElementKind::Face | ElementKind::Strips, b"vertex_indices" | b"vertex_index", Some(_)) => {
+                PropertyRole::Corners
+            }
+            (ElementKind::Vertex, b"f_dc_0", None) => PropertyRole::Splat,
+            _ => PropertyRole::Other,
         };
-        if role != Role::Other && element.has(role) {
-            return malformed(format!("a second property {}", quoted(name)));
+        if role != PropertyRole::Other && element.has_role(role) {
+            return malformed(format!("a second property {}", quote_word(name)));
         }
         element.properties.push(Property { role, list, scalar });
         Ok(())

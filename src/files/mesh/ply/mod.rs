@@ -1,85 +1,85 @@
 //! Reads PLY: ASCII, binary little-endian and binary big-endian (Turk, The PLY Polygon File Format, 1994).
 //!
-//! Our own reader: `ply-rs-bw` 4 is safe against lying headers, but refuses `nan`, `.5`, `1.` and names that are
-//! not UTF-8, and allocates for every element and face.
+//! Our own reader, since `ply-rs-bw` 4 is safe against headers that lie but refuses `nan`, `.5`, `1.` and names that
+//! are not UTF-8, and allocates for every element and face.
 
-use crate::mesh::points::{PointKind, Points};
-use crate::mesh::polygon::{Cutter, MAX_CORNERS, too_many_corners};
-use crate::mesh::raw::strip;
-use crate::mesh::{MeshFileError, MeshFileProblem, Raw, Words, number};
+use crate::mesh::points::{LoosePoints, PointKind};
+use crate::mesh::polygon::{MAX_CORNERS, Triangulator, too_many_corners};
+use crate::mesh::raw::iter_strip_triangles;
+use crate::mesh::{MeshFileError, MeshFileProblem, RawMesh, WordReader, parse_number};
 use gelsim_core::mesh::MeshError;
 
 mod header;
 
-use header::{Element, Encoding, Header, Kind, Property, Role, Scalar, malformed};
+use header::{Element, ElementKind, Encoding, Header, Property, PropertyRole, ScalarType, malformed};
 
-/// Vertices and triangles in the order of the file. Elements may come in any order, properties too, and those that
-/// say nothing about the shape are passed over.
-pub(super) fn read(bytes: &[u8]) -> Result<Raw, MeshFileError> {
-    let mut words = Words::new(bytes);
+/// Reads vertices and triangles in the order of the file. Elements and properties may come in any order; those that say
+/// nothing about the shape are ignored.
+pub(super) fn read(bytes: &[u8]) -> Result<RawMesh, MeshFileError> {
+    let mut words = WordReader::new(bytes);
     let header = Header::read(&mut words)?;
     let (vertices, faces) = match header.encoding {
-        Encoding::Ascii => read_body(&header, Ascii { words }),
-        Encoding::LittleEndian => read_body(&header, Binary::<false>(&words.bytes[words.at..])),
-        Encoding::BigEndian => read_body(&header, Binary::<true>(&words.bytes[words.at..])),
+        Encoding::Ascii => read_body(&header, AsciiBody { words }),
+        Encoding::LittleEndian => read_body(&header, BinaryBody::<false>(&words.bytes[words.at..])),
+        Encoding::BigEndian => read_body(&header, BinaryBody::<true>(&words.bytes[words.at..])),
     }?;
 
     let mut triangles = Vec::with_capacity(faces.lengths.len());
-    let mut cutter = Cutter::new();
+    let mut cutter = Triangulator::new();
     let mut rest = &faces.corners[..];
     for &length in &faces.lengths {
         let (corners, after) = rest.split_at(length as usize);
-        cutter.cut(&vertices, corners, &mut triangles)?;
+        cutter.triangulate(&vertices, corners, &mut triangles)?;
         rest = after;
     }
-    let has = |role: Role| header.elements.iter().any(|element| element.has(role));
+    let has = |role: PropertyRole| header.elements.iter().any(|element| element.has_role(role));
     let has_edges = header.elements.iter().any(|element| element.name == "`edge`" && element.count > 0);
-    let kind = match has(Role::Splat) {
+    let kind = match has(PropertyRole::Splat) {
         true => PointKind::Splats,
         false if has_edges => PointKind::Lines,
         false => PointKind::Cloud,
     };
-    Ok(Raw { vertices, triangles, points: Points { count: 0, kind }, ..Raw::default() })
+    Ok(RawMesh { vertices, triangles, points: LoosePoints { count: 0, kind }, ..RawMesh::default() })
 }
 
-/// Polygons as they come: the vertices they index may follow later in the file.
+/// Polygons as they are read. They are cut later, since their vertices may follow them in the file.
 #[derive(Default)]
 struct Faces {
     corners: Vec<u32>,
-    /// Corners of each face.
+    /// Number of corners of each face.
     lengths: Vec<u32>,
 }
 
-/// What follows the header, value by value. Integers of PLY have at most 32 bits: f64 holds them exactly.
+/// The body of a file, read value by value. Integers of PLY have at most 32 bits, so that f64 holds them exactly.
 trait Body {
-    /// How many elements with these properties the rest has room for, at most.
-    fn room(&self, properties: &[Property]) -> u64;
+    /// Returns how many elements with these properties the rest has room for, at most.
+    fn max_elements(&self, properties: &[Property]) -> u64;
 
-    /// Goes to the next element; its line, in text; `None` at the end.
-    fn begin(&mut self) -> Option<Option<usize>>;
+    /// Goes to the next element. Returns its line if the body is text, or `None` at the end of the file.
+    fn begin_element(&mut self) -> Option<Option<usize>>;
 
-    /// `Ok(None)` where the element ends too early.
-    fn value(&mut self, scalar: Scalar) -> Result<Option<f64>, MeshFileProblem>;
+    /// Reads a value. Returns `Ok(None)` if the element ends too early.
+    fn read_value(&mut self, scalar: ScalarType) -> Result<Option<f64>, MeshFileProblem>;
 
-    /// Passes over `count` values; false where the element ends too early.
-    fn skip(&mut self, count: usize, scalar: Scalar) -> bool;
+    /// Skips `count` values. Returns false if the element ends too early.
+    fn skip_values(&mut self, count: usize, scalar: ScalarType) -> bool;
 
-    /// Leaves the element; false if there is more in it.
-    fn end(&mut self) -> bool;
+    /// Leaves the element. Returns false if there is more in it.
+    fn end_element(&mut self) -> bool;
 }
 
-struct Ascii<'a> {
-    words: Words<'a>,
+struct AsciiBody<'a> {
+    words: WordReader<'a>,
 }
 
-impl Body for Ascii<'_> {
-    fn room(&self, properties: &[Property]) -> u64 {
-        // Every value has a digit at least, and a blank or a line break between it and the next.
+impl Body for AsciiBody<'_> {
+    fn max_elements(&self, properties: &[Property]) -> u64 {
+        // Every value has at least a digit, and a blank or a line break between it and the next.
         let rest = self.words.bytes.len() - self.words.at;
         (rest as u64).div_ceil(2) / properties.len() as u64
     }
 
-    fn begin(&mut self) -> Option<Option<usize>> {
+    fn begin_element(&mut self) -> Option<Option<usize>> {
         while !self.words.has_word() {
             if !self.words.next_line() {
                 return None;
@@ -88,25 +88,25 @@ impl Body for Ascii<'_> {
         Some(Some(self.words.line))
     }
 
-    fn value(&mut self, _: Scalar) -> Result<Option<f64>, MeshFileProblem> {
-        self.words.word().map(number).transpose()
+    fn read_value(&mut self, _: ScalarType) -> Result<Option<f64>, MeshFileProblem> {
+        self.words.next_word().map(parse_number).transpose()
     }
 
-    fn skip(&mut self, count: usize, _: Scalar) -> bool {
-        (0..count).all(|_| self.words.word().is_some())
+    fn skip_values(&mut self, count: usize, _: ScalarType) -> bool {
+        (0..count).all(|_| self.words.next_word().is_some())
     }
 
-    fn end(&mut self) -> bool {
-        let is_end = self.words.word().is_none();
+    fn end_element(&mut self) -> bool {
+        let is_end = self.words.next_word().is_none();
         self.words.next_line();
         is_end
     }
 }
 
-struct Binary<'a, const IS_BIG: bool>(&'a [u8]);
+struct BinaryBody<'a, const IS_BIG: bool>(&'a [u8]);
 
-impl<const IS_BIG: bool> Binary<'_, IS_BIG> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+impl<const IS_BIG: bool> BinaryBody<'_, IS_BIG> {
+    fn take_bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (&value, rest) = self.0.split_first_chunk()?;
         self.0 = rest;
         let mut value: [u8; N] = value;
@@ -117,60 +117,60 @@ impl<const IS_BIG: bool> Binary<'_, IS_BIG> {
     }
 }
 
-impl<const IS_BIG: bool> Body for Binary<'_, IS_BIG> {
-    fn room(&self, properties: &[Property]) -> u64 {
+impl<const IS_BIG: bool> Body for BinaryBody<'_, IS_BIG> {
+    fn max_elements(&self, properties: &[Property]) -> u64 {
         let size = |property: &Property| property.list.unwrap_or(property.scalar).size();
         (self.0.len() / properties.iter().map(size).sum::<usize>()) as u64
     }
 
-    fn begin(&mut self) -> Option<Option<usize>> {
+    fn begin_element(&mut self) -> Option<Option<usize>> {
         Some(None)
     }
 
-    fn value(&mut self, scalar: Scalar) -> Result<Option<f64>, MeshFileProblem> {
+    fn read_value(&mut self, scalar: ScalarType) -> Result<Option<f64>, MeshFileProblem> {
         Ok(match scalar {
-            Scalar::I8 => self.take().map(|bytes| i8::from_le_bytes(bytes).into()),
-            Scalar::U8 => self.take().map(|bytes| u8::from_le_bytes(bytes).into()),
-            Scalar::I16 => self.take().map(|bytes| i16::from_le_bytes(bytes).into()),
-            Scalar::U16 => self.take().map(|bytes| u16::from_le_bytes(bytes).into()),
-            Scalar::I32 => self.take().map(|bytes| i32::from_le_bytes(bytes).into()),
-            Scalar::U32 => self.take().map(|bytes| u32::from_le_bytes(bytes).into()),
-            Scalar::F32 => self.take().map(|bytes| f32::from_le_bytes(bytes).into()),
-            Scalar::F64 => self.take().map(f64::from_le_bytes),
+            ScalarType::I8 => self.take_bytes().map(|bytes| i8::from_le_bytes(bytes).into()),
+            ScalarType::U8 => self.take_bytes().map(|bytes| u8::from_le_bytes(bytes).into()),
+            ScalarType::I16 => self.take_bytes().map(|bytes| i16::from_le_bytes(bytes).into()),
+            ScalarType::U16 => self.take_bytes().map(|bytes| u16::from_le_bytes(bytes).into()),
+            ScalarType::I32 => self.take_bytes().map(|bytes| i32::from_le_bytes(bytes).into()),
+            ScalarType::U32 => self.take_bytes().map(|bytes| u32::from_le_bytes(bytes).into()),
+            ScalarType::F32 => self.take_bytes().map(|bytes| f32::from_le_bytes(bytes).into()),
+            ScalarType::F64 => self.take_bytes().map(f64::from_le_bytes),
         })
     }
 
-    fn skip(&mut self, count: usize, scalar: Scalar) -> bool {
+    fn skip_values(&mut self, count: usize, scalar: ScalarType) -> bool {
         let rest = count.checked_mul(scalar.size()).and_then(|len| self.0.get(len..));
         self.0 = rest.unwrap_or_default();
         rest.is_some()
     }
 
-    fn end(&mut self) -> bool {
+    fn end_element(&mut self) -> bool {
         true
     }
 }
 
 fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Faces), MeshFileError> {
-    let is_vertex = |element: &&Element| element.kind == Kind::Vertex;
+    let is_vertex = |element: &&Element| element.kind == ElementKind::Vertex;
     let vertex_count = header.elements.iter().find(is_vertex).map_or(0, |element| element.count);
     let mut vertices = Vec::new();
     let mut faces = Faces::default();
     for element in header.elements.iter().filter(|element| !element.properties.is_empty()) {
-        let room = body.room(&element.properties);
+        let room = body.max_elements(&element.properties);
         if element.count > room {
             let what = format!("elements {}", element.name);
-            return Err(MeshFileProblem::Room { claimed: element.count, what, room }.into());
+            return Err(MeshFileProblem::CountMismatch { claimed: element.count, what, room }.into());
         }
         match element.kind {
-            Kind::Vertex => vertices.reserve_exact(element.count as usize),
-            Kind::Face => faces.lengths.reserve_exact(element.count as usize),
-            Kind::Strips | Kind::Other => {}
+            ElementKind::Vertex => vertices.reserve_exact(element.count as usize),
+            ElementKind::Face => faces.lengths.reserve_exact(element.count as usize),
+            ElementKind::Strips | ElementKind::Other => {}
         }
         for number in 0..element.count {
             let early =
-                || MeshFileProblem::EndsEarly(format!("element {} {number} of {}", element.name, element.count));
-            let line = body.begin().ok_or_else(early)?;
+                || MeshFileProblem::UnexpectedEnd(format!("element {} {number} of {}", element.name, element.count));
+            let line = body.begin_element().ok_or_else(early)?;
             let mut vertex = [0.0; 3];
             let complete = read_element(&mut body, element, vertex_count, &mut vertex, &mut faces)
                 .map_err(|problem| MeshFileError { path: None, line, problem })?;
@@ -183,11 +183,11 @@ fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Fac
                     }
                 });
             }
-            if !body.end() {
+            if !body.end_element() {
                 let message = format!("more values than an element {} has", element.name);
                 return Err(MeshFileError { path: None, line, problem: MeshFileProblem::Malformed(message) });
             }
-            if element.kind == Kind::Vertex {
+            if element.kind == ElementKind::Vertex {
                 vertices.push(vertex);
             }
         }
@@ -195,7 +195,7 @@ fn read_body(header: &Header, mut body: impl Body) -> Result<(Vec<[f64; 3]>, Fac
     Ok((vertices, faces))
 }
 
-/// Reads one element, into `vertex` or onto `faces` if it is one; false if it ends too early.
+/// Reads one element into `vertex` or onto `faces`, if it is one of these. Returns false if it ends too early.
 fn read_element(
     body: &mut impl Body,
     element: &Element,
@@ -205,47 +205,47 @@ fn read_element(
 ) -> Result<bool, MeshFileProblem> {
     for property in &element.properties {
         let Some(list) = property.list else {
-            let Some(value) = body.value(property.scalar)? else {
+            let Some(value) = body.read_value(property.scalar)? else {
                 return Ok(false);
             };
-            if let Role::Coordinate(axis) = property.role {
+            if let PropertyRole::Coordinate(axis) = property.role {
                 vertex[axis] = value;
             }
             continue;
         };
-        let Some(given) = body.value(list)? else {
+        let Some(given) = body.read_value(list)? else {
             return Ok(false);
         };
         let length = given as u32;
         if f64::from(length) != given {
             return malformed(format!("{given} is not the length of a list"));
         }
-        if property.role != Role::Corners {
-            if !body.skip(length as usize, property.scalar) {
+        if property.role != PropertyRole::Corners {
+            if !body.skip_values(length as usize, property.scalar) {
                 return Ok(false);
             }
             continue;
         }
-        if element.kind == Kind::Strips {
+        if element.kind == ElementKind::Strips {
             return read_strips(body, property.scalar, length, vertex_count, faces);
         }
         if length as usize > MAX_CORNERS {
             return Err(too_many_corners(length as usize));
         }
         for _ in 0..length {
-            let Some(index) = body.value(property.scalar)? else {
+            let Some(index) = body.read_value(property.scalar)? else {
                 return Ok(false);
             };
-            faces.corners.push(corner(index, vertex_count)?);
+            faces.corners.push(to_vertex_index(index, vertex_count)?);
         }
         faces.lengths.push(length);
     }
     Ok(true)
 }
 
-/// The vertex of this number.
-fn corner(index: f64, vertex_count: u64) -> Result<u32, MeshFileProblem> {
-    // The cast saturates: what is not a number from 0 to u32::MAX comes out different.
+/// Converts a value of the file to the index of a vertex.
+fn to_vertex_index(index: f64, vertex_count: u64) -> Result<u32, MeshFileProblem> {
+    // The cast saturates: a value that is not a whole number from 0 to u32::MAX differs after it.
     let corner = index as u32;
     if f64::from(corner) != index && index.fract() != 0.0 {
         return malformed(format!("{index} is not the number of a vertex"));
@@ -257,30 +257,30 @@ fn corner(index: f64, vertex_count: u64) -> Result<u32, MeshFileProblem> {
     Ok(corner)
 }
 
-/// Reads a list of strips, whose triangles become faces of three corners; false if it ends too early.
+/// Reads a list of strips and appends their triangles to `faces`. Returns false if it ends too early.
 fn read_strips(
     body: &mut impl Body,
-    scalar: Scalar,
+    scalar: ScalarType,
     length: u32,
     vertex_count: u64,
     faces: &mut Faces,
 ) -> Result<bool, MeshFileProblem> {
     let mut run: Vec<u32> = Vec::new();
     let end = |run: &mut Vec<u32>, faces: &mut Faces| {
-        for triangle in strip(run) {
+        for triangle in iter_strip_triangles(run) {
             faces.corners.extend(triangle);
             faces.lengths.push(3);
         }
         run.clear();
     };
     for _ in 0..length {
-        let Some(index) = body.value(scalar)? else {
+        let Some(index) = body.read_value(scalar)? else {
             return Ok(false);
         };
         if index == -1.0 {
             end(&mut run, faces);
         } else {
-            run.push(corner(index, vertex_count)?);
+            run.push(to_vertex_index(index, vertex_count)?);
         }
     }
     end(&mut run, faces);

@@ -1,10 +1,10 @@
 use super::*;
 use crate::mesh::tests::cube_obj;
-use crate::mesh::{Reading, load, load_parts, parse};
+use crate::mesh::{MeshReadOptions, load, load_parts, parse};
 use std::fs;
 
-fn read_text(text: &str) -> Raw {
-    read(text.as_bytes(), UrdfShapes::Visual, &mut Others::none()).unwrap_or_else(|error| panic!("{error}"))
+fn read_text(text: &str) -> RawMesh {
+    read(text.as_bytes(), UrdfShapes::Visual, &mut Resources::none()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn visual(geometry: &str) -> String {
@@ -12,7 +12,7 @@ fn visual(geometry: &str) -> String {
 }
 
 /// Volume inside closed triangles that face outwards.
-fn volume(raw: &Raw) -> f64 {
+fn volume(raw: &RawMesh) -> f64 {
     let of = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|i| DVec3::from_array(raw.vertices[i as usize]));
         a.dot(b.cross(c)) / 6.0
@@ -31,7 +31,7 @@ fn shapes_have_their_volume_and_face_outwards() {
         let raw = read_text(&visual(geometry));
         let found = volume(&raw);
         assert!((found / expected - 1.0).abs() < tolerance, "{geometry}: {found} {expected}");
-        let (_, cleaned) = raw.mesh(1.0).unwrap();
+        let (_, cleaned) = raw.into_mesh(1.0).unwrap();
         assert_eq!(cleaned, Default::default());
     }
 }
@@ -62,14 +62,14 @@ fn meshes_are_found_beside_and_in_packages_and_hashed() {
     let mut hashes = Vec::new();
     for name in ["package://my_robot/meshes/cube.obj", "../meshes/cube.obj", "model://my_robot/meshes/cube.obj"] {
         write(name);
-        let loaded = load(&path, Reading::default()).unwrap();
+        let loaded = load(&path, MeshReadOptions::default()).unwrap();
         assert_eq!((loaded.mesh.triangles.len(), loaded.mm_per_unit), (expected.triangles.len(), 1000.0));
         let apart = loaded.mesh.vertices.as_flattened().iter().zip(expected.vertices.as_flattened());
         assert!(apart.into_iter().all(|(a, b)| (a - b).abs() < 1e-5), "{name}");
         hashes.push(loaded.sha256);
     }
     fs::write(package.join("meshes/cube.obj"), [cube_obj(), b"# more\n".to_vec()].concat()).unwrap();
-    assert!(!hashes.contains(&load(&path, Reading::default()).unwrap().sha256));
+    assert!(!hashes.contains(&load(&path, MeshReadOptions::default()).unwrap().sha256));
     fs::write(package.join("urdf/a.fbx"), "Kaydara FBX Binary").unwrap();
     fs::write(package.join("meshes/bad.obj"), "v 0 0 0\nf 1 2 3\n").unwrap();
     for (name, expected, help) in [
@@ -92,7 +92,7 @@ fn meshes_are_found_beside_and_in_packages_and_hashed() {
         ("$(arg dir)/a.stl", "names `$(arg dir)/a.stl`, which has a macro", "xacro IN.xacro > OUT.urdf"),
     ] {
         write(name);
-        let error = load(&path, Reading::default()).unwrap_err();
+        let error = load(&path, MeshReadOptions::default()).unwrap_err();
         assert!(error.to_string().contains(&format!("r.urdf:1: {expected}")), "{error}");
         assert!(error.help().contains(help), "{name}: {}", error.help());
     }
@@ -109,7 +109,7 @@ fn all_meshes_that_are_missing_are_named_with_their_lines() {
     let links: String = (0..).zip(names).map(|(i, name)| link(i, name)).collect();
     fs::write(folder.path().join("cube.obj"), cube_obj()).unwrap();
     fs::write(&path, format!("<robot>\n{links}</robot>")).unwrap();
-    let error = load(&path, Reading::default()).unwrap_err();
+    let error = load(&path, MeshReadOptions::default()).unwrap_err();
     let expected = "r.urdf:3: names 6 meshes that are not there: `a.stl` (line 3), `package://p/b.stl` (line 7), `c.stl` \
                     (line 11), `d.stl` (line 13), `e.stl` (line 15) and 1 more";
     assert!(error.to_string().ends_with(expected), "{error}");
@@ -128,13 +128,13 @@ fn a_package_may_be_where_the_user_says_and_the_hash_is_the_same() {
     let path = at("robots/r/r.urdf");
     let text = visual("<mesh filename=\"$(find arm)/m/cube.obj\"/>");
     fs::write(&path, &text).unwrap();
-    assert!(load(&path, Reading::default()).is_err());
+    assert!(load(&path, MeshReadOptions::default()).is_err());
     let given = [at("ros").to_string_lossy().into_owned()];
-    let loaded = load(&path, Reading { packages: &given, ..Reading::default() }).unwrap();
+    let loaded = load(&path, MeshReadOptions { packages: &given, ..MeshReadOptions::default() }).unwrap();
     assert_eq!(loaded.packages, given);
     let beside = at("robots/arm/m/cube.obj");
     fs::write(&beside, cube_obj()).unwrap();
-    let other = load(&path, Reading::default()).unwrap();
+    let other = load(&path, MeshReadOptions::default()).unwrap();
     assert_eq!((other.sha256, other.packages.len()), (loaded.sha256, 0));
 }
 
@@ -150,7 +150,7 @@ fn links_are_parts_and_collisions_another_choice() {
     fs::write(&path, format!("<robot>{}<link name=\"bare\"/>{}</robot>", of("a", 1), of("b", 2))).unwrap();
     let names: Vec<String> = load_parts(&path, 1.0).unwrap().into_iter().map(|(name, _)| name).collect();
     assert_eq!(names, ["a", "b"]);
-    let collision = load(&path, Reading { urdf: UrdfShapes::Collision, ..1.0.into() }).unwrap();
+    let collision = load(&path, MeshReadOptions { urdf: UrdfShapes::Collision, ..1.0.into() }).unwrap();
     assert_eq!(collision.mesh.vertices[0].map(f32::abs), [4.5; 3]);
 }
 
@@ -187,7 +187,7 @@ fn errors_name_the_line() {
             "line 1: names another file, `a.stl`",
         ),
     ] {
-        let error = read(text.as_bytes(), UrdfShapes::Visual, &mut Others::none()).expect_err("a mistake");
+        let error = read(text.as_bytes(), UrdfShapes::Visual, &mut Resources::none()).expect_err("a mistake");
         assert_eq!(error.to_string(), expected);
     }
 }

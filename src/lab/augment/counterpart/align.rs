@@ -1,21 +1,22 @@
-//! Where a real press lies, measured against its simulated counterpart: the shift at which their changes correlate best.
+//! Measures the shift between a real press and its simulated counterpart: the one at which their changes correlate
+//! best.
 //!
-//! Changes are images minus the background image, less what differs everywhere (`Drift`). The measure is the normalised
-//! cross-correlation of the three channels together, on the part of the picture where the counterpart shows (Lewis 1995,
-//! "Fast normalized cross-correlation"): a press that is brighter by a factor correlates as well. It is searched on
-//! blocks of pixels first and then pixel by pixel around the best of those; between pixels a parabola through the
-//! neighbours of the peak tells where it is.
+//! A change is an image minus the background image, less what differs everywhere (`Drift`). The measure is the
+//! normalised cross-correlation of the three channels together, over the part of the picture where the counterpart
+//! shows a change (Lewis 1995, "Fast normalized cross-correlation"). A press that is brighter by a factor correlates
+//! equally well. The search goes over blocks of pixels first, then pixel by pixel around the best blocks; a parabola
+//! through the peak's neighbours gives the fraction of a pixel.
 
 use image::RgbImage;
 
 use gelsim_core::base::grid::{Grid, Rect, bounding_box};
 use gelsim_core::base::simd::simd_dispatch;
-use gelsim_lab::calibrate::detect::change::{Change, Drift};
+use gelsim_lab::calibrate::detect::change::{BlockChange, Drift};
 
 /// Change of red, green and blue, grey levels.
 pub type ChangeMap = Grid<[f32; 3]>;
 
-/// A change of one picture, as pixels and as blocks.
+/// Change of a picture, as pixels and as blocks.
 pub struct ChangePyramid {
     pixels: ChangeMap,
     blocks: ChangeMap,
@@ -23,55 +24,55 @@ pub struct ChangePyramid {
 }
 
 impl ChangePyramid {
-    /// What a press changed against the background image, beyond what differs everywhere, for searches as far as
+    /// Computes what a press changes against the background image, less what differs everywhere, for searches up to
     /// `most_px`.
     pub fn new(image: &RgbImage, background: &RgbImage, most_px: usize) -> Self {
         let coarse_px = image.width().max(image.height()).div_ceil(80).max(1);
-        let drift = Drift::between(image, background, coarse_px as usize);
-        let block_px = most_px.div_ceil(BLOCKS).max(1);
-        let of = |block_px| Change::new(image, background, drift, block_px).levels;
+        let drift = Drift::estimate(image, background, coarse_px as usize);
+        let block_px = most_px.div_ceil(SEARCH_BLOCKS).max(1);
+        let of = |block_px| BlockChange::new(image, background, drift, block_px).levels;
         Self { pixels: of(1), blocks: of(block_px), block_px }
     }
 }
 
-/// A search reaches this many blocks to each side.
-const BLOCKS: usize = 6;
+/// Number of blocks that a search reaches to each side.
+const SEARCH_BLOCKS: usize = 6;
 
-/// Peaks among the blocks that are looked at more closely.
-const PEAKS: usize = 3;
+/// Number of peaks among the blocks that are searched pixel by pixel.
+const MAX_PEAKS: usize = 3;
 
-/// A smaller change does not show, grey levels.
-const LEAST_LEVELS: f32 = 2.0;
+/// Smallest change that counts as visible, grey levels.
+const MIN_CHANGE_LEVELS: f32 = 2.0;
 
-/// The best shift.
+/// Shift with the highest correlation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Peak {
-    /// How far the real change lies to the right of the counterpart's and below it, px.
+pub struct CorrelationPeak {
+    /// Shift of the real change to the right of the counterpart's and below it, px.
     pub offset_px: [f64; 2],
-    /// Correlation there, -1 to 1, at the nearest whole pixel.
+    /// Correlation at the nearest integer shift, -1 to 1.
     pub correlation: f64,
-    /// The search ended there: the best shift may be a larger one.
+    /// Whether the peak lies at the edge of the search: the best shift may be larger.
     pub at_edge: bool,
 }
 
-/// Correlation of a real change and its counterpart's as they lie; 0 if the counterpart shows none.
-pub fn correlation(real: &ChangePyramid, counterpart: &ChangePyramid) -> f64 {
-    Search::new(&real.pixels, &counterpart.pixels, 0).map_or(0.0, |search| search.correlation([0, 0]))
+/// Correlation of a real change with its counterpart's, without shift; 0 if the counterpart shows no change.
+pub fn unshifted_correlation(real: &ChangePyramid, counterpart: &ChangePyramid) -> f64 {
+    CorrelationSearch::new(&real.pixels, &counterpart.pixels, 0).map_or(0.0, |search| search.correlation_at([0, 0]))
 }
 
-/// Finds the shift, up to `most_px` along x and along y, that the pairs were made for. `None` if the counterpart shows
-/// no change.
-pub fn align(real: &ChangePyramid, counterpart: &ChangePyramid, most_px: usize) -> Option<Peak> {
-    let fine = Search::new(&real.pixels, &counterpart.pixels, most_px)?;
+/// Finds the shift up to `most_px` along x and along y; the pyramids must be made for it. `None` if the counterpart
+/// shows no change.
+pub fn find_shift(real: &ChangePyramid, counterpart: &ChangePyramid, most_px: usize) -> Option<CorrelationPeak> {
+    let fine = CorrelationSearch::new(&real.pixels, &counterpart.pixels, most_px)?;
     let most = most_px as i32;
     let block = real.block_px as i32;
     let mut best = ([0, 0], f64::NEG_INFINITY);
-    for start in starts(real, counterpart, most_px) {
+    for start in find_start_shifts(real, counterpart, most_px) {
         let range = |k: usize| (start[k] - block).max(-most)..=(start[k] + block).min(most);
         for shift in range(1).flat_map(|y| range(0).map(move |x| [x, y])) {
-            let found = fine.correlation(shift);
-            // Of equals the smaller shift, so that nothing depends on the order of the search.
-            let nearer = (squared(shift), shift) < (squared(best.0), best.0);
+            let found = fine.correlation_at(shift);
+            // Of equal correlations the smaller shift wins, so that the order of the search does not matter.
+            let nearer = (length_squared(shift), shift) < (length_squared(best.0), best.0);
             if found > best.1 || (found == best.1 && nearer) {
                 best = (shift, found);
             }
@@ -82,27 +83,30 @@ pub fn align(real: &ChangePyramid, counterpart: &ChangePyramid, most_px: usize) 
         let beside = |by: i32| {
             let mut shift = shift;
             shift[k] += by;
-            fine.correlation(shift)
+            fine.correlation_at(shift)
         };
-        f64::from(shift[k]) + vertex(beside(-1), correlation, beside(1))
+        f64::from(shift[k]) + parabola_vertex(beside(-1), correlation, beside(1))
     });
-    Some(Peak { offset_px, correlation, at_edge: shift.iter().any(|by| by.abs() >= most) })
+    Some(CorrelationPeak { offset_px, correlation, at_edge: shift.iter().any(|by| by.abs() >= most) })
 }
 
-/// The highest places of the correlation among blocks, px: the highest one, and others that no neighbour overtops.
-fn starts(real: &ChangePyramid, counterpart: &ChangePyramid, most_px: usize) -> Vec<[i32; 2]> {
+/// Finds peaks of the correlation among blocks, px: places that no neighbour exceeds, the highest ones first.
+fn find_start_shifts(real: &ChangePyramid, counterpart: &ChangePyramid, most_px: usize) -> Vec<[i32; 2]> {
     let block = real.block_px;
     let reach = most_px.div_ceil(block) as i32;
     if block == 1 {
-        // Blocks are pixels: the fine search goes over all of them, one stride after the other.
+        // Blocks are pixels here, so there is no coarse search: start on a grid of every third shift, which together
+        // cover all.
         let strides = || (1 - reach..=reach + 1).step_by(3);
         return strides().flat_map(|y| strides().map(move |x| [x, y])).collect();
     }
-    let Some(coarse) = Search::new(&real.blocks, &counterpart.blocks, reach as usize) else { return vec![[0, 0]] };
+    let Some(coarse) = CorrelationSearch::new(&real.blocks, &counterpart.blocks, reach as usize) else {
+        return vec![[0, 0]];
+    };
     let side = 2 * reach as usize + 1;
     let mut map = Grid::<f64>::new(side, side);
     for (at, value) in map.data.iter_mut().enumerate() {
-        *value = coarse.correlation([at % side, at / side].map(|at| at as i32 - reach));
+        *value = coarse.correlation_at([at % side, at / side].map(|at| at as i32 - reach));
     }
     let mut peaks = Vec::new();
     for (y, x) in (0..side).flat_map(|y| (0..side).map(move |x| (y, x))) {
@@ -113,38 +117,39 @@ fn starts(real: &ChangePyramid, counterpart: &ChangePyramid, most_px: usize) -> 
         }
     }
     peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
-    peaks.into_iter().take(PEAKS).map(|(_, at)| at).collect()
+    peaks.into_iter().take(MAX_PEAKS).map(|(_, at)| at).collect()
 }
 
-fn squared([x, y]: [i32; 2]) -> i32 {
+fn length_squared([x, y]: [i32; 2]) -> i32 {
     x * x + y * y
 }
 
-/// Where a parabola through three values one apart is highest, from the middle one on; no further than half a step.
-fn vertex(before: f64, middle: f64, after: f64) -> f64 {
+/// Returns where a parabola through three values, one apart, is highest, relative to the middle one; at most half a
+/// step.
+fn parabola_vertex(before: f64, middle: f64, after: f64) -> f64 {
     let bend = before - 2.0 * middle + after;
     if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 }
 }
 
-/// The correlation as a function of the shift.
-struct Search<'a> {
+/// Correlation as a function of the shift.
+struct CorrelationSearch<'a> {
     real: &'a ChangeMap,
     counterpart: &'a ChangeMap,
-    /// Where the counterpart shows, and a margin.
-    part: Rect,
+    /// Part where the counterpart shows a change, with a margin.
+    region: Rect,
 }
 
-impl<'a> Search<'a> {
-    /// Around what the counterpart shows; `None` if that is nothing.
+impl<'a> CorrelationSearch<'a> {
+    /// Restricts the search to where the counterpart shows a change; `None` if it shows none.
     fn new(real: &'a ChangeMap, counterpart: &'a ChangeMap, margin: usize) -> Option<Self> {
-        let shows = |level: [f32; 3]| level.iter().any(|level| level.abs() >= LEAST_LEVELS);
+        let shows = |level: [f32; 3]| level.iter().any(|level| level.abs() >= MIN_CHANGE_LEVELS);
         let part = bounding_box(counterpart, shows).grown(margin.max(4), counterpart.width, counterpart.height);
-        (!part.is_empty()).then_some(Self { real, counterpart, part })
+        (!part.is_empty()).then_some(Self { real, counterpart, region: part })
     }
 
-    /// The correlation of the real change, moved back by a shift, with the counterpart's; 0 where one of them is empty.
-    fn correlation(&self, [right, down]: [i32; 2]) -> f64 {
-        let Rect { x0, y0, x1, y1 } = self.part;
+    /// Correlation of the real change, moved back by a shift, with the counterpart's; 0 if one of them is empty.
+    fn correlation_at(&self, [right, down]: [i32; 2]) -> f64 {
+        let Rect { x0, y0, x1, y1 } = self.region;
         let (width, height) = (self.real.width as i32, self.real.height as i32);
         let columns = (x0 as i32).max(-right)..(x1 as i32).min(width - right);
         let rows = (y0 as i32).max(-down)..(y1 as i32).min(height - down);
@@ -168,10 +173,10 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Adds the sums of counterpart times real, real squared and counterpart squared of a line.
+/// Adds the sums over a line: counterpart times real, real squared, counterpart squared.
 #[inline(always)]
 fn add_products(counterpart: &[f32], real: &[f32], sums: &mut [f64; 3]) {
-    // Eight sums side by side: a fixed order that vectorises. Those of a line are well within f32.
+    // Eight sums side by side, in a fixed order that the compiler can vectorise. The sums of one line fit into f32.
     let mut lanes = [[0.0_f32; 8]; 3];
     let (counterparts, reals) = (counterpart.chunks_exact(8), real.chunks_exact(8));
     let rest = counterparts.remainder().iter().zip(reals.remainder());
@@ -250,8 +255,8 @@ mod tests {
                 (dent([60.0 + shift[0], 45.0 + shift[1]], [0.8, 1.0, 1.3]), dent([60.0, 45.0], [1.0; 3]));
             let real = ChangePyramid::new(&real, &flat(), most);
             let counterpart = ChangePyramid::new(&counterpart, &flat(), most);
-            let found = align(&real, &counterpart, most).expect("a dent shows");
-            let part = Search::new(&real.pixels, &counterpart.pixels, most).expect("a dent shows").part;
+            let found = find_shift(&real, &counterpart, most).expect("a dent shows");
+            let part = CorrelationSearch::new(&real.pixels, &counterpart.pixels, most).expect("a dent shows").region;
             let (exact, correlation) = exhaustive(&real.pixels, &counterpart.pixels, part, most as i32);
             assert_eq!(found.offset_px.map(|px| px.round() as i32), exact, "{shift:?}");
             assert_eq!(exact.map(f64::from), shift);
@@ -265,7 +270,7 @@ mod tests {
         for shift in [[0.3, -0.4], [3.4, -2.2], [-5.75, 0.5]] {
             let real = ChangePyramid::new(&dent([60.0 + shift[0], 45.0 + shift[1]], [1.0; 3]), &flat(), 10);
             let counterpart = ChangePyramid::new(&dent([60.0, 45.0], [1.0; 3]), &flat(), 10);
-            let found = align(&real, &counterpart, 10).expect("a dent shows").offset_px;
+            let found = find_shift(&real, &counterpart, 10).expect("a dent shows").offset_px;
             for k in 0..2 {
                 assert!((found[k] - shift[k]).abs() < 0.05, "{shift:?}: {found:?}");
             }
@@ -276,12 +281,12 @@ mod tests {
     fn a_dent_that_the_border_cuts_is_found_and_a_counterpart_without_any_is_not() {
         let real = ChangePyramid::new(&dent([8.0, 84.0], [1.0; 3]), &flat(), 12);
         let counterpart = ChangePyramid::new(&dent([3.0, 88.0], [1.0; 3]), &flat(), 12);
-        let found = align(&real, &counterpart, 12).expect("a dent shows");
+        let found = find_shift(&real, &counterpart, 12).expect("a dent shows");
         assert!((found.offset_px[0] - 5.0).abs() < 0.1 && (found.offset_px[1] + 4.0).abs() < 0.1, "{found:?}");
         let none = ChangePyramid::new(&flat(), &flat(), 12);
-        assert_eq!(align(&real, &none, 12), None);
-        assert_eq!(correlation(&real, &none), 0.0);
+        assert_eq!(find_shift(&real, &none, 12), None);
+        assert_eq!(unshifted_correlation(&real, &none), 0.0);
         let nothing = ChangePyramid::new(&flat(), &flat(), 12);
-        assert_eq!(align(&nothing, &counterpart, 12).expect("the counterpart shows").correlation, 0.0);
+        assert_eq!(find_shift(&nothing, &counterpart, 12).expect("the counterpart shows").correlation, 0.0);
     }
 }

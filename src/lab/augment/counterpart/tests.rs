@@ -14,7 +14,7 @@ fn renderer(settings: Paired, more: &str) -> CounterpartRenderer {
     );
     let mut problems = Diagnostics::default();
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../.."));
-    let written = config::read_text("job", text, folder, &Overrides::default(), &mut problems);
+    let written = config::read_job_text("job", text, folder, &Overrides::default(), &mut problems);
     let plan = Plan::resolve(written, problems).unwrap_or_else(|report| panic!("{report}"));
     let background = to_rgb_image(plan.simulator.untouched());
     CounterpartRenderer::new(plan, settings, background)
@@ -28,7 +28,7 @@ fn metadata(object: &str, renderer: &CounterpartRenderer) -> PressMetadata {
 
 /// A "real" image of the press at `metadata`, as other LEDs and a noisy camera would have shown it.
 fn photographed(renderer: &CounterpartRenderer, metadata: &PressMetadata, recipe: &str) -> RgbImage {
-    let sample = renderer.render(metadata, 4);
+    let sample = renderer.render_press(metadata, 4);
     let settings: Photometric = toml::from_str(recipe).expect("a table");
     let profile = SensorProfile {
         sensor: renderer.plan.job().sensor.clone(),
@@ -52,7 +52,7 @@ fn a_shift_under_other_leds_and_noise_is_found_within_a_fifth_of_a_pixel_and_the
             let mut place = label;
             (0..2).for_each(|k| place.position_mm[k] += shift_px[k] * mm_per_px[k]);
             let real = photographed(&renderer, &place, recipe);
-            let counterpart = renderer.counterpart(&label, &real, 9);
+            let counterpart = renderer.render_counterpart(&label, &real, 9);
             assert_eq!(counterpart.alignment, Alignment::Aligned);
             for k in 0..2 {
                 let error = counterpart.offset_px[k] - shift_px[k];
@@ -64,7 +64,7 @@ fn a_shift_under_other_leds_and_noise_is_found_within_a_fifth_of_a_pixel_and_the
             // Rendered there, not moved there: byte for byte what the simulator gives for that place.
             assert_eq!(
                 counterpart.sample.impression.image.rgb,
-                renderer.render(&counterpart.metadata, 9).impression.image.rgb
+                renderer.render_press(&counterpart.metadata, 9).impression.image.rgb
             );
         }
     }
@@ -78,21 +78,21 @@ fn without_contact_or_likeness_or_within_reach_a_counterpart_stays_where_its_lab
     let flat = renderer.rendered_background.clone();
 
     let above = PressMetadata { depth_mm: 0.0, ..label };
-    let counterpart = renderer.counterpart(&above, &real, 0);
+    let counterpart = renderer.render_counterpart(&above, &real, 0);
     assert_eq!(
         (counterpart.alignment, counterpart.offset_px, counterpart.correlation),
         (Alignment::NoContact, [0.0; 2], 0.0)
     );
     assert!(!counterpart.sample.label.contact.in_contact);
 
-    let counterpart = renderer.counterpart(&label, &flat, 0);
+    let counterpart = renderer.render_counterpart(&label, &flat, 0);
     assert_eq!((counterpart.alignment, counterpart.offset_px), (Alignment::Unlike, [0.0; 2]));
-    assert_eq!(counterpart.sample.impression.image.rgb, renderer.render(&label, 0).impression.image.rgb);
+    assert_eq!(counterpart.sample.impression.image.rgb, renderer.render_press(&label, 0).impression.image.rgb);
 
     let mut far = label;
     far.position_mm[0] += 12.0 * renderer.plan.simulator.view().mm_per_px[0];
     let real = photographed(&renderer, &far, "");
-    let counterpart = renderer.counterpart(&label, &real, 0);
+    let counterpart = renderer.render_counterpart(&label, &real, 0);
     assert_eq!((counterpart.alignment, counterpart.offset_px), (Alignment::TooFar, [0.0; 2]));
     assert!(counterpart.correlation < 0.9, "{}", counterpart.correlation);
 }
@@ -102,7 +102,7 @@ fn no_search_leaves_the_counterpart_and_tells_how_alike_it_is() {
     let renderer = renderer(Paired { max_offset_px: 0, ..Paired::default() }, "");
     let label = metadata("letter", &renderer);
     let real = photographed(&renderer, &label, "");
-    let counterpart = renderer.counterpart(&label, &real, 0);
+    let counterpart = renderer.render_counterpart(&label, &real, 0);
     assert_eq!((counterpart.alignment, counterpart.offset_px), (Alignment::NotSought, [0.0; 2]));
     assert!(counterpart.correlation > 0.999, "{}", counterpart.correlation);
 }
@@ -111,8 +111,8 @@ fn no_search_leaves_the_counterpart_and_tells_how_alike_it_is() {
 fn counterparts_have_the_layers_of_any_sample() {
     let renderer = renderer(Paired::default(), "[output]\nlayers = [\"depth\", \"surface\", \"contact\"]\n");
     let label = metadata("sphere", &renderer);
-    let counterpart = renderer.counterpart(&label, &photographed(&renderer, &label, ""), 0);
-    let members = gelsim_dataset::encode::members(&renderer.plan, &counterpart.sample);
+    let counterpart = renderer.render_counterpart(&label, &photographed(&renderer, &label, ""), 0);
+    let members = gelsim_dataset::encode::encode_members(&renderer.plan, &counterpart.sample);
     let suffixes: Vec<&str> = members.iter().map(|member| member.suffix.as_str()).collect();
     assert_eq!(suffixes, ["tactile.png", "depth.exr", "surface.exr", "contact.png", "json"]);
     assert!((counterpart.sample.label.indentation_depth_mm - 0.7).abs() < 1e-12);

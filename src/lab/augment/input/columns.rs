@@ -1,4 +1,4 @@
-//! What the columns of a real dataset's labels mean, and what a label says of its sample.
+//! The meaning of a real dataset's columns, and the facts that a label states about its sample.
 
 use std::collections::HashMap;
 
@@ -7,19 +7,19 @@ use serde_json::{Map, Value};
 
 use crate::config;
 use gelsim_files::diagnostic::Diagnostic;
-use gelsim_files::spelling::nearest;
-use gelsim_job::plan::check::Check;
+use gelsim_files::spelling::find_nearest_name;
+use gelsim_job::plan::check::JobChecker;
 
-/// A meaning that a column may have.
+/// Meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Meaning {
+pub enum ColumnMeaning {
     /// Name of the object.
     Object,
-    /// Its class.
+    /// Class of the object.
     Class,
     /// Split of the sample.
     Split,
-    /// What stays together.
+    /// Group of samples that stay together.
     Group,
     /// Indentation depth, mm.
     Depth,
@@ -35,15 +35,15 @@ pub enum Meaning {
     TiltAzimuth,
     /// Part x of the rotation's quaternion.
     QuaternionX,
-    /// Part y.
+    /// Part y of the quaternion.
     QuaternionY,
-    /// Part z.
+    /// Part z of the quaternion.
     QuaternionZ,
-    /// Part w.
+    /// Part w of the quaternion.
     QuaternionW,
 }
 
-impl Meaning {
+impl ColumnMeaning {
     /// Every meaning, in the order of the enum.
     pub const ALL: [Self; 14] = [
         Self::Object,
@@ -62,10 +62,10 @@ impl Meaning {
         Self::QuaternionW,
     ];
 
-    /// The parts of a quaternion x, y, z, w.
+    /// Parts of the quaternion: x, y, z, w.
     const QUATERNION: [Self; 4] = [Self::QuaternionX, Self::QuaternionY, Self::QuaternionZ, Self::QuaternionW];
 
-    /// Its key in `[input.columns]`.
+    /// Key in `[input.columns]`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Object => "object",
@@ -85,8 +85,8 @@ impl Meaning {
         }
     }
 
-    /// Where a label of gelsim's own has it. The place is that of the mesh's origin.
-    fn of_label(self) -> &'static str {
+    /// Dotted path in a label written by gelsim. There, the position is that of the mesh's origin.
+    fn own_label_path(self) -> &'static str {
         match self {
             Self::Object => "object.id",
             Self::Class => "object.class",
@@ -105,7 +105,8 @@ impl Meaning {
         }
     }
 
-    fn written(self, columns: &config::Columns) -> Option<&String> {
+    /// Name of the column that the file gives for this meaning.
+    fn configured_column(self, columns: &config::Columns) -> Option<&String> {
         match self {
             Self::Object => columns.object.as_ref(),
             Self::Class => columns.class.as_ref(),
@@ -125,51 +126,53 @@ impl Meaning {
     }
 }
 
-/// The column of each meaning, in the order of [`Meaning::ALL`].
+/// Column of each meaning, in the order of [`ColumnMeaning::ALL`].
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct ColumnMap([Option<String>; Meaning::ALL.len()]);
+pub struct ColumnMap([Option<String>; ColumnMeaning::ALL.len()]);
 
 impl ColumnMap {
-    /// Finds the columns in a first label: those that are written must be there; the others are, if they have the usual
-    /// names.
-    pub fn find(check: &mut Check<'_>, written: &config::Columns, label: &SourceLabel<'_>) -> Self {
-        Self(Meaning::ALL.map(|meaning| match meaning.written(written) {
-            Some(column) if label.has(column) => Some(column.clone()),
+    /// Finds the columns in a first label. Columns that the file names must exist; others are taken if they have the
+    /// usual names.
+    pub fn resolve_columns(check: &mut JobChecker<'_>, written: &config::Columns, label: &SourceLabel<'_>) -> Self {
+        Self(ColumnMeaning::ALL.map(|meaning| match meaning.configured_column(written) {
+            Some(column) if label.has_column(column) => Some(column.clone()),
             Some(column) => {
-                let near = nearest(column, label.names()).map(|near| format!("did you mean `{near}`? "));
-                let names: Vec<&str> = label.names().take(40).collect();
+                let near =
+                    find_nearest_name(column, label.column_names()).map(|near| format!("did you mean `{near}`? "));
+                let names: Vec<&str> = label.column_names().take(40).collect();
                 let help = format!("{}columns of the labels: {}", near.unwrap_or_default(), names.join(", "));
                 let key = format!("input.columns.{}", meaning.name());
-                check.error(&key, format!("no column is called `{column}`"), help);
+                check.report_error(&key, format!("no column is called `{column}`"), help);
                 None
             }
             None => {
-                let own = label.own().then_some(meaning.of_label());
-                let scalar = |column: &&str| label.has(column) && !label.value(column).is_some_and(|v| nested(&v));
+                let own = label.is_own_label().then_some(meaning.own_label_path());
+                let scalar =
+                    |column: &&str| label.has_column(column) && !label.value(column).is_some_and(|v| is_nested(&v));
                 [Some(meaning.name()), own].into_iter().flatten().find(scalar).map(str::to_owned)
             }
         }))
     }
 
-    /// The column that has this meaning.
-    pub fn name(&self, meaning: Meaning) -> Option<&str> {
+    /// Returns the column with this meaning, if there is one.
+    pub fn column_of(&self, meaning: ColumnMeaning) -> Option<&str> {
         self.0[meaning as usize].as_deref()
     }
 }
 
-fn nested(value: &Value) -> bool {
+fn is_nested(value: &Value) -> bool {
     value.is_object() || value.is_array()
 }
 
-/// Names of a table's columns, found by name however many they are.
-pub struct Header {
-    /// The names, in their order.
+/// Names of a table's columns, with an index by name.
+pub struct TableHeader {
+    /// Names in their order.
     pub names: Vec<String>,
-    numbers: HashMap<String, usize>,
+    indices: HashMap<String, usize>,
 }
 
-impl Header {
-    /// Of names in their order; the number of one that is there twice is another error.
+impl TableHeader {
+    /// Creates a header. Returns the number of a name that occurs twice as an error.
     pub fn new(names: Vec<String>) -> Result<Self, usize> {
         let mut numbers = HashMap::with_capacity(names.len());
         for (number, name) in names.iter().enumerate() {
@@ -177,65 +180,65 @@ impl Header {
                 return Err(number);
             }
         }
-        Ok(Self { names, numbers })
+        Ok(Self { names, indices: numbers })
     }
 
-    /// The number of a column.
-    pub fn number(&self, name: &str) -> Option<usize> {
-        self.numbers.get(name).copied()
+    /// Number of a column.
+    pub fn column_index(&self, name: &str) -> Option<usize> {
+        self.indices.get(name).copied()
     }
 }
 
-/// A label, whatever form it has.
+/// A label in either form.
 pub enum SourceLabel<'a> {
-    /// Cells under names.
-    Cells(&'a Header, &'a StringRecord),
+    /// Cells under the names of their columns.
+    Cells(&'a TableHeader, &'a StringRecord),
     /// JSON.
     Json(&'a Map<String, Value>),
 }
 
 impl SourceLabel<'_> {
-    /// Names of its columns.
-    pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
+    /// Names of the columns.
+    pub fn column_names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
         match self {
             Self::Cells(header, _) => Box::new(header.names.iter().map(String::as_str)),
             Self::Json(map) => Box::new(map.keys().map(String::as_str)),
         }
     }
 
-    /// True if it has a column.
-    pub fn has(&self, column: &str) -> bool {
+    /// Returns true if there is such a column.
+    pub fn has_column(&self, column: &str) -> bool {
         match self {
-            Self::Cells(header, _) => header.number(column).is_some(),
+            Self::Cells(header, _) => header.column_index(column).is_some(),
             Self::Json(map) => lookup(map, column).is_some(),
         }
     }
 
-    /// True of a label that gelsim wrote.
-    pub fn own(&self) -> bool {
-        matches!(self, Self::Json(map) if is_own(map))
+    /// Returns true for a label that gelsim wrote.
+    pub fn is_own_label(&self) -> bool {
+        matches!(self, Self::Json(map) if is_own_label(map))
     }
 
-    /// The value of a column, if there is one.
+    /// Returns the value of a column; none if it is absent or empty.
     pub fn value(&self, column: &str) -> Option<Value> {
         match self {
             Self::Cells(header, cells) => {
-                let cell = cells.get(header.number(column)?)?;
+                let cell = cells.get(header.column_index(column)?)?;
                 (!cell.trim().is_empty()).then(|| Value::from(cell.trim()))
             }
             Self::Json(map) => lookup(map, column).filter(|value| !value.is_null()).cloned(),
         }
     }
 
-    /// The text in a column; numbers as they are written.
+    /// Returns the text in a column; numbers as they are written.
     pub fn text(&self, column: &str) -> Option<String> {
         match self.value(column)? {
             Value::String(text) => (!text.is_empty()).then_some(text),
-            value => (!nested(&value)).then(|| value.to_string()),
+            value => (!is_nested(&value)).then(|| value.to_string()),
         }
     }
 
-    /// The number in a column; the text of it if there is something else.
+    /// Returns the number in a column; its text as the error if it is none.
     pub fn number(&self, column: &str) -> Result<Option<f64>, String> {
         let Some(value) = self.value(column).filter(|value| value.as_str() != Some("")) else { return Ok(None) };
         let number = match &value {
@@ -248,36 +251,36 @@ impl SourceLabel<'_> {
     }
 }
 
-/// What is wrong with the value of a column.
+/// A mistake in the value of a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Mistake {
-    /// The column.
+pub struct ColumnMistake {
+    /// Name of the column.
     pub column: String,
     message: String,
-    /// What is true of many such, behind their number.
+    /// Common cause of many such mistakes, written after their number.
     cause: String,
-    /// The value, if it tells something.
+    /// Value, if it says something.
     value: Option<String>,
     help: MistakeHelp,
 }
 
-/// What to do about it, as far as that does not depend on how labels are written.
+/// What to do about a mistake, independent of the form of labels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum MistakeHelp {
-    /// A number belongs there.
+    /// Write a number.
     Number,
-    /// A number belongs there, with a point.
+    /// Write the number with a decimal point.
     Point,
-    /// A quaternion needs a column for this part.
+    /// Name a column for this part of the quaternion.
     Column(&'static str),
-    /// Parts of a quaternion that are empty.
+    /// Fill in these parts of the quaternion.
     Parts(Vec<String>),
-    /// All of them are 0.
+    /// Write a quaternion that is not 0.
     Zero,
 }
 
-impl Mistake {
-    fn number(column: &str, value: String) -> Self {
+impl ColumnMistake {
+    fn not_a_number(column: &str, value: String) -> Self {
         let with_point = value.matches(',').count() == 1 && value.replace(',', ".").trim().parse::<f64>().is_ok();
         Self {
             column: column.to_owned(),
@@ -288,10 +291,11 @@ impl Mistake {
         }
     }
 
-    fn quaternion(column: &str, columns: &ColumnMap, parts: &[Option<f64>; 4]) -> Self {
-        let absent = Meaning::QUATERNION.into_iter().find(|meaning| columns.name(*meaning).is_none());
-        let empty = Meaning::QUATERNION.into_iter().zip(parts).filter(|(_, part)| part.is_none());
-        let empty: Vec<String> = empty.filter_map(|(meaning, _)| columns.name(meaning)).map(str::to_owned).collect();
+    fn incomplete_quaternion(column: &str, columns: &ColumnMap, parts: &[Option<f64>; 4]) -> Self {
+        let absent = ColumnMeaning::QUATERNION.into_iter().find(|meaning| columns.column_of(*meaning).is_none());
+        let empty = ColumnMeaning::QUATERNION.into_iter().zip(parts).filter(|(_, part)| part.is_none());
+        let empty: Vec<String> =
+            empty.filter_map(|(meaning, _)| columns.column_of(meaning)).map(str::to_owned).collect();
         let help = match (absent, empty.is_empty()) {
             (Some(absent), _) => MistakeHelp::Column(absent.name()),
             (None, false) => MistakeHelp::Parts(empty),
@@ -305,8 +309,8 @@ impl Mistake {
         Self { column: column.to_owned(), message, cause, value: None, help }
     }
 
-    /// The mistake in the label of `sample`; `nothing` is what is written where there is no value.
-    pub fn of_sample(self, sample: &str, nothing: &str) -> Diagnostic {
+    /// Turns it into a diagnostic about the label of `sample`; `nothing` is how an absent value is written.
+    pub fn into_diagnostic(self, sample: &str, nothing: &str) -> Diagnostic {
         let help = match self.help {
             MistakeHelp::Number => format!("write a number without its unit, or {nothing}"),
             MistakeHelp::Point => String::from("write numbers with a point: 1.5"),
@@ -327,16 +331,16 @@ impl Mistake {
             Some(value) => format!("{sample} ({value})"),
             None => sample.to_owned(),
         };
-        Diagnostic::new(self.message).of(subject, self.cause).help(help)
+        Diagnostic::new(self.message).about(subject, self.cause).help(help)
     }
 }
 
-/// True of a label that gelsim wrote.
-pub fn is_own(label: &Map<String, Value>) -> bool {
+/// Returns true for a label that gelsim wrote.
+pub fn is_own_label(label: &Map<String, Value>) -> bool {
     label.get("generator").and_then(Value::as_str).is_some_and(|made_by| made_by.starts_with("gelsim "))
 }
 
-/// The value at a dotted path; a key with dots in it comes first.
+/// Returns the value at a dotted path. A key that contains the dots itself comes first.
 pub fn lookup<'a>(map: &'a Map<String, Value>, path: &str) -> Option<&'a Value> {
     if let Some(value) = map.get(path) {
         return Some(value);
@@ -353,29 +357,29 @@ pub fn lookup<'a>(map: &'a Map<String, Value>, path: &str) -> Option<&'a Value> 
     Some(value)
 }
 
-/// Sets the value at a dotted path. Tables on the way are made where there is nothing; what else stands in the way stays.
-pub fn set(map: &mut Map<String, Value>, path: &str, value: Value) {
+/// Sets the value at a dotted path. Missing objects on the way are created; other values on the way are left alone.
+pub fn set_value(map: &mut Map<String, Value>, path: &str, value: Value) {
     if map.contains_key(path) || !path.contains('.') {
         map.insert(path.to_owned(), value);
         return;
     }
     let (first, rest) = path.split_once('.').unwrap_or((path, ""));
-    put(map.entry(first).or_insert(Value::Null), rest, value);
+    put_value(map.entry(first).or_insert(Value::Null), rest, value);
 }
 
-fn put(node: &mut Value, path: &str, value: Value) {
+fn put_value(node: &mut Value, path: &str, value: Value) {
     match node {
-        Value::Object(map) => set(map, path, value),
+        Value::Object(map) => set_value(map, path, value),
         Value::Null => {
             let mut map = Map::new();
-            set(&mut map, path, value);
+            set_value(&mut map, path, value);
             *node = Value::Object(map);
         }
         Value::Array(items) => {
             let (step, rest) = path.split_once('.').map_or((path, None), |(step, rest)| (step, Some(rest)));
             match (step.parse().ok().and_then(|index: usize| items.get_mut(index)), rest) {
                 (Some(item), None) => *item = value,
-                (Some(item), Some(rest)) => put(item, rest, value),
+                (Some(item), Some(rest)) => put_value(item, rest, value),
                 _ => {}
             }
         }
@@ -383,14 +387,14 @@ fn put(node: &mut Value, path: &str, value: Value) {
     }
 }
 
-/// What a label says of its sample.
+/// Facts that a label states about its sample.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LabelFacts {
     /// Name of the object.
     pub object: Option<String>,
-    /// Its class.
+    /// Class of the object.
     pub class: Option<String>,
-    /// What stays together.
+    /// Group of samples that stay together.
     pub group: Option<String>,
     /// Indentation depth, mm.
     pub depth_mm: Option<f64>,
@@ -402,49 +406,50 @@ pub struct LabelFacts {
     pub tilt_deg: Option<f64>,
     /// Direction of the tilt's axis, degrees.
     pub tilt_azimuth_deg: Option<f64>,
-    /// Rotation from the object's axes to the sensor's as a quaternion x, y, z, w, not 0; in place of the angles.
+    /// Rotation from the object's axes to the sensor's as a quaternion x, y, z, w, not 0; replaces the angles.
     pub quaternion_xyzw: Option<[f64; 4]>,
 }
 
 impl LabelFacts {
-    /// Reads a label, and its split; `wrong` is told each column that holds something else than a number.
+    /// Reads the facts of a label, and its split. Calls `wrong` for each column that does not hold a number as it
+    /// should.
     pub fn read(
         columns: &ColumnMap,
         label: &SourceLabel<'_>,
-        mut wrong: impl FnMut(Mistake),
+        mut wrong: impl FnMut(ColumnMistake),
     ) -> (Self, Option<String>) {
-        let text = |meaning: Meaning| label.text(columns.name(meaning)?);
-        let mut number = |meaning: Meaning| {
-            let column = columns.name(meaning)?;
+        let text = |meaning: ColumnMeaning| label.text(columns.column_of(meaning)?);
+        let mut number = |meaning: ColumnMeaning| {
+            let column = columns.column_of(meaning)?;
             label.number(column).unwrap_or_else(|value| {
-                wrong(Mistake::number(column, value));
+                wrong(ColumnMistake::not_a_number(column, value));
                 None
             })
         };
-        let parts = Meaning::QUATERNION.map(&mut number);
+        let parts = ColumnMeaning::QUATERNION.map(&mut number);
         let facts = Self {
-            object: text(Meaning::Object),
-            class: text(Meaning::Class),
-            group: text(Meaning::Group),
-            depth_mm: number(Meaning::Depth),
-            place_mm: [number(Meaning::X), number(Meaning::Y)],
-            yaw_deg: number(Meaning::Yaw),
-            tilt_deg: number(Meaning::Tilt),
-            tilt_azimuth_deg: number(Meaning::TiltAzimuth),
+            object: text(ColumnMeaning::Object),
+            class: text(ColumnMeaning::Class),
+            group: text(ColumnMeaning::Group),
+            depth_mm: number(ColumnMeaning::Depth),
+            place_mm: [number(ColumnMeaning::X), number(ColumnMeaning::Y)],
+            yaw_deg: number(ColumnMeaning::Yaw),
+            tilt_deg: number(ColumnMeaning::Tilt),
+            tilt_azimuth_deg: number(ColumnMeaning::TiltAzimuth),
             quaternion_xyzw: match parts {
                 [Some(x), Some(y), Some(z), Some(w)] if [x, y, z, w] != [0.0; 4] => Some([x, y, z, w]),
                 _ => None,
             },
         };
-        let column = Meaning::QUATERNION.into_iter().find_map(|meaning| columns.name(meaning));
+        let column = ColumnMeaning::QUATERNION.into_iter().find_map(|meaning| columns.column_of(meaning));
         if let Some(column) = column.filter(|_| facts.quaternion_xyzw.is_none() && parts.iter().any(Option::is_some)) {
-            wrong(Mistake::quaternion(column, columns, &parts));
+            wrong(ColumnMistake::incomplete_quaternion(column, columns, &parts));
         }
-        (facts, text(Meaning::Split))
+        (facts, text(ColumnMeaning::Split))
     }
 
-    /// What it is counted as: its class, or the object where no class is known.
-    pub fn kind(&self) -> Option<&str> {
+    /// Name that counts as the class: the class, or the object if no class is known.
+    pub fn class_or_object(&self) -> Option<&str> {
         self.class.as_deref().or(self.object.as_deref())
     }
 }
@@ -465,7 +470,7 @@ mod tests {
         assert_eq!(["a.b.2", "a.c", "x.y.z", "b"].map(number), [None; 4]);
         let mut changed = label.clone();
         for path in ["a.b.1.c", "x.y", "new.deep", "top"] {
-            set(&mut changed, path, Value::from(9));
+            set_value(&mut changed, path, Value::from(9));
             assert_eq!(lookup(&changed, path), Some(&Value::from(9)), "{path}");
         }
         assert_eq!(changed["x"]["y"], 5);

@@ -1,21 +1,22 @@
-//! Where the images are that labels name: paths from a folder, inside the set's; and what to do about those that are missing.
+//! Resolves the image files that labels name, which must be inside the set's folder, and suggests what to do about
+//! missing ones.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use super::{Draft, Layout, Real};
-use gelsim_files::image_file::{NAMES, is_named_like_one};
-use gelsim_files::input::meant;
-use gelsim_job::plan::check::Check;
+use super::{DatasetDraft, InputLayout, RealSample};
+use gelsim_files::image_file::{FORMAT_NAMES, has_image_extension};
+use gelsim_files::input::suggest_file_name;
+use gelsim_job::plan::check::JobChecker;
 
-/// Folders in folders that are looked into for images that are missing.
+/// Depth of folders that are searched for missing images.
 const DEEPEST: usize = 4;
-/// Folders that are looked into at most.
-const MOST_FOLDERS: usize = 2000;
+/// Most folders that are searched.
+const MAX_FOLDERS: usize = 2000;
 
-/// The path from the set's folder of what a label names from `folder`, without steps back; `None` if it leads out of the
+/// Resolves `name` from `folder` to a path relative to the set's folder, without `..`. `None` if it leads out of the
 /// set's folder.
-pub fn inside(folder: &Path, name: &str) -> Option<PathBuf> {
+pub fn path_inside(folder: &Path, name: &str) -> Option<PathBuf> {
     if is_absolute(name) {
         return None;
     }
@@ -31,14 +32,15 @@ pub fn inside(folder: &Path, name: &str) -> Option<PathBuf> {
     Some(path)
 }
 
-/// True of a path that begins at the root of a system, also of another one: `/data`, `C:/data`.
+/// Returns true for an absolute path of any system: `/data`, `C:/data`.
 pub fn is_absolute(name: &str) -> bool {
     let mut chars = name.chars();
     let drive = chars.next().is_some_and(|c| c.is_ascii_alphabetic()) && chars.next() == Some(':');
     name.starts_with('/') || drive && matches!(chars.next(), Some('/' | '\\') | None)
 }
 
-/// A path as a label has it, with `/` between folders: one that was written on Windows has `\`, unless a file is called so.
+/// Returns a path of a label with `/` between folders. Labels written on Windows have `\`, unless a file really has
+/// that name.
 pub fn with_slashes(folder: &Path, written: &str) -> String {
     if written.contains('\\') && !folder.join(written).exists() {
         written.replace('\\', "/")
@@ -47,90 +49,90 @@ pub fn with_slashes(folder: &Path, written: &str) -> String {
     }
 }
 
-/// The folder that the images' names in a table start from, from the set's: what `input.images` says, else the table's.
-/// `None` after a mistake.
-pub(super) fn folder(check: &mut Check<'_>, draft: &Draft<'_>, unit: usize) -> Option<PathBuf> {
+/// Finds the folder, relative to the set's, from which a table's image names start: that of `input.images`, else the
+/// table's. `None` after a mistake.
+pub(super) fn find_image_folder(check: &mut JobChecker<'_>, draft: &DatasetDraft<'_>, unit: usize) -> Option<PathBuf> {
     let of_table = draft.units[unit].folder().to_owned();
     let Some(written) = &draft.written.images else { return Some(of_table) };
-    let mut candidates = [inside(Path::new(""), written), inside(&of_table, written)];
+    let mut candidates = [path_inside(Path::new(""), written), path_inside(&of_table, written)];
     if draft.units.len() > 1 {
-        // Each of several tables has a folder of its own.
+        // With several tables, each probably has an images folder of its own: try that first.
         candidates.reverse();
     }
     if candidates.iter().all(Option::is_none) {
         let help = "name the folder above both with input.path, and the table and the images from there";
-        check.error("input.images", format!("{written} is not in the folder of input.path"), help);
+        check.report_error("input.images", format!("{written} is not in the folder of input.path"), help);
         return None;
     }
     let found = candidates.into_iter().flatten().find(|folder| draft.root.join(folder).is_dir());
     if found.is_none() {
-        let near = meant(&draft.root.join(written), |_| true)
+        let near = suggest_file_name(&draft.root.join(written), |_| true)
             .map(|near| format!("did you mean {near:?}? "))
             .unwrap_or_default();
         let help = format!("{near}name the folder with the images, from the folder of input.path or of the table");
-        check.error("input.images", format!("no folder {written} is in {}", draft.root.display()), help);
+        check.report_error("input.images", format!("no folder {written} is in {}", draft.root.display()), help);
     }
     found
 }
 
-/// What is wrong with an image.
-pub struct Unreadable {
-    /// A sentence about it.
+/// Why an image cannot be used.
+pub struct UnreadableImage {
+    /// Message about the image.
     pub message: String,
-    /// What is true of many such, behind their number.
+    /// Common cause of many such images, written after their number.
     pub cause: String,
 }
 
-/// What is wrong with an image that could not be read for `reason`.
-pub(super) fn unreadable(draft: &Draft<'_>, real: &Real, reason: &str) -> Unreadable {
+/// Explains why an image could not be read, with `reason` from the decoder.
+pub(super) fn explain_unreadable(draft: &DatasetDraft<'_>, real: &RealSample, reason: &str) -> UnreadableImage {
     if is_missing(draft, real) {
-        Unreadable {
+        UnreadableImage {
             message: format!("cannot read the image {}: it is not there", real.key),
             cause: String::from("images are not there"),
         }
     } else {
-        Unreadable {
+        UnreadableImage {
             message: format!("cannot read the image {}: {reason}", real.key),
             cause: format!("images cannot be read ({reason})"),
         }
     }
 }
 
-fn is_missing(draft: &Draft<'_>, real: &Real) -> bool {
-    draft.layout != Layout::Tars && !draft.root.join(&real.path).exists()
+fn is_missing(draft: &DatasetDraft<'_>, real: &RealSample) -> bool {
+    draft.layout != InputLayout::Tars && !draft.root.join(&real.path).exists()
 }
 
-/// What to do about it.
-pub(super) fn help(draft: &Draft<'_>, real: &Real) -> String {
+/// Returns what to do about an image that could not be read.
+pub(super) fn help_for_image(draft: &DatasetDraft<'_>, real: &RealSample) -> String {
     let without = match draft.layout {
-        Layout::Tables => "remove its row",
-        Layout::Tars => "write the tar anew without the sample",
-        Layout::Coco => "take it and its annotations out",
-        Layout::ClassFolders(_) => "remove the file",
+        InputLayout::Tables => "remove its row",
+        InputLayout::Tars => "write the tar anew without the sample",
+        InputLayout::Coco => "take it and its annotations out",
+        InputLayout::ClassFolders(_) => "remove the file",
     };
     match draft.layout {
         _ if is_missing(draft, real) => {
-            elsewhere(draft, real).unwrap_or_else(|| format!("copy it there, or {without}"))
+            find_elsewhere(draft, real).unwrap_or_else(|| format!("copy it there, or {without}"))
         }
-        Layout::Tars => {
-            let suffix = draft.image.as_deref().unwrap_or_default();
-            format!("put a sound image ({NAMES}) into the tar as the file that ends in {suffix}, or {without}")
+        InputLayout::Tars => {
+            let suffix = draft.image_column.as_deref().unwrap_or_default();
+            format!("put a valid image ({FORMAT_NAMES}) into the tar as the file that ends in {suffix}, or {without}")
         }
-        _ => format!("put a sound image there ({NAMES}), or {without}"),
+        _ => format!("put a valid image there ({FORMAT_NAMES}), or {without}"),
     }
 }
 
-/// Where an image is that is not where its label says: what to write in place of what was written.
-pub(super) fn elsewhere(draft: &Draft<'_>, real: &Real) -> Option<String> {
+/// Finds an image that is not where its label says, and returns what to write instead.
+pub(super) fn find_elsewhere(draft: &DatasetDraft<'_>, real: &RealSample) -> Option<String> {
     let of_images = &draft.units[real.unit].images;
     let name = real.image.rsplit(['/', '\\']).next().filter(|name| !name.is_empty())?;
-    if let Some(path) = inside(of_images, &real.image)
-        && let Some(near) = meant(&draft.root.join(path), is_named_like_one)
+    if let Some(path) = path_inside(of_images, &real.image)
+        && let Some(near) = suggest_file_name(&draft.root.join(path), has_image_extension)
         && !differ_in_digits(&near, name)
     {
         return Some(format!("is {near:?} meant by {name:?}? write it as the file is called"));
     }
-    let folders = folders(draft.root, DEEPEST, &mut 0);
+    let folders = list_folders(draft.root, DEEPEST, &mut 0);
     let from_root = |path: &Path| path.strip_prefix(draft.root).unwrap_or(path).display().to_string();
     let holds = |part: &str| folders.iter().find(|folder| folder.join(part).is_file());
     if let Some(found) = (!is_absolute(&real.image)).then(|| holds(&real.image)).flatten() {
@@ -138,35 +140,35 @@ pub(super) fn elsewhere(draft: &Draft<'_>, real: &Real) -> Option<String> {
         let found = if found.is_empty() { "." } else { &found };
         return Some(format!("they are in {found}: say so under [input]: images = {found:?}"));
     }
-    // Of `/home/ann/set/img/00.png` there may be `img/00.png`.
+    // For `/home/ann/set/img/00.png`, `img/00.png` may exist here.
     let steps: Vec<&str> = real.image.split(['/', '\\']).filter(|step| !step.is_empty()).collect();
     for first in 1..steps.len() {
         let part = steps[first..].join("/");
         let Some(found) = holds(&part) else { continue };
         let found = from_root(&found.join(&part));
-        let there = match Path::new(&found).strip_prefix(of_images) {
+        let advice = match Path::new(&found).strip_prefix(of_images) {
             Ok(rest) => format!("write names like {} in the table", rest.display()),
             Err(_) => {
                 let folder = Path::new(&found).parent().unwrap_or(Path::new("")).display().to_string();
                 format!("write names like {name} in the table, and images = {folder:?} under [input]")
             }
         };
-        return Some(format!("{found} is there: {there}"));
+        return Some(format!("{found} is there: {advice}"));
     }
     None
 }
 
-/// True of two names that differ in digits only: another image of the same series is not meant.
+/// Returns true if two names have different digits: they are different images of a series, not one misspelt name.
 fn differ_in_digits(a: &str, b: &str) -> bool {
     let digits = |name: &str| name.chars().filter(char::is_ascii_digit).collect::<String>();
     digits(a) != digits(b)
 }
 
-/// A folder and those in it, without what is hidden.
-fn folders(folder: &Path, deep: usize, asked: &mut usize) -> Vec<PathBuf> {
+/// Lists a folder and the folders in it, without hidden ones.
+fn list_folders(folder: &Path, deep: usize, asked: &mut usize) -> Vec<PathBuf> {
     let mut found = vec![folder.to_owned()];
     *asked += 1;
-    if deep == 0 || *asked > MOST_FOLDERS {
+    if deep == 0 || *asked > MAX_FOLDERS {
         return found;
     }
     let Ok(entries) = fs::read_dir(folder) else { return found };
@@ -179,7 +181,7 @@ fn folders(folder: &Path, deep: usize, asked: &mut usize) -> Vec<PathBuf> {
         .collect();
     below.sort();
     for path in below {
-        found.extend(folders(&path, deep - 1, asked));
+        found.extend(list_folders(&path, deep - 1, asked));
     }
     found
 }
@@ -200,7 +202,7 @@ mod tests {
             ("", "c:\\img\\0.png", None),
             ("", "c:0.png", Some("c:0.png")),
         ] {
-            assert_eq!(inside(Path::new(folder), name), expected.map(PathBuf::from), "{folder} {name}");
+            assert_eq!(path_inside(Path::new(folder), name), expected.map(PathBuf::from), "{folder} {name}");
         }
     }
 }

@@ -1,19 +1,19 @@
-//! A real dataset: its images by name, and what its labels say of them. All layouts become one list of samples; images
-//! stay on disk.
+//! A real dataset: its images by name, and what its labels say about them. All layouts become one list of samples;
+//! images stay on disk.
 //!
-//! A *unit* is what holds labels: a table (CSV or JSON Lines), COCO annotations, or a tar; of images in a folder for each
-//! class the table that their folders make.
+//! A *unit* holds labels: a table (CSV or JSON Lines), COCO annotations, or a tar. For images in a folder per class, it
+//! is the table that the folders make.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
 use super::config;
-use gelsim_dataset::archive::{self, Head};
+use gelsim_dataset::archive::{self, MemberHead};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
-use gelsim_files::input::MOST_IMAGE_BYTES;
-use gelsim_files::source::Source;
-use gelsim_job::plan::check::Check;
+use gelsim_files::input::MAX_IMAGE_BYTES;
+use gelsim_files::source::SourceText;
+use gelsim_job::plan::check::JobChecker;
 
 pub mod coco;
 pub mod columns;
@@ -25,58 +25,58 @@ pub mod table;
 mod tars;
 mod unread;
 
-use coco::Annotations;
+use coco::CocoAnnotations;
 use columns::{ColumnMap, LabelFacts};
 use folders::FolderKind;
 
 /// Largest file of a sample in a tar, bytes.
-pub const MOST_MEMBER_BYTES: u64 = 256 << 20;
+pub const MAX_MEMBER_BYTES: u64 = 256 << 20;
 /// Largest label, as a file in a tar or a row of a table; largest header of a table.
-pub const MOST_LABEL_BYTES: u64 = 1 << 20;
+pub const MAX_LABEL_BYTES: u64 = 1 << 20;
 
-/// The most bytes that a file of a sample in a tar may have whose name ends in `suffix`.
-pub fn most_bytes(suffix: &str, label: &str) -> u64 {
-    if suffix == label { MOST_LABEL_BYTES } else { MOST_MEMBER_BYTES }
+/// Most bytes of a sample's file in a tar whose name ends in `suffix`; `label` is the suffix of labels.
+pub fn most_member_bytes(suffix: &str, label: &str) -> u64 {
+    if suffix == label { MAX_LABEL_BYTES } else { MAX_MEMBER_BYTES }
 }
 
 /// A real dataset that was read.
-pub struct Set {
-    /// Its folder.
+pub struct RealDataset {
+    /// Folder of the set.
     pub root: PathBuf,
-    /// How it is laid out.
-    pub layout: Layout,
-    /// What holds its labels.
-    pub units: Vec<Unit>,
-    /// Its samples: those of the first unit, of the second, and so on.
-    pub reals: Vec<Real>,
-    /// Names of its splits, in the order in which they appear.
+    /// Layout of the set.
+    pub layout: InputLayout,
+    /// Units with its labels.
+    pub units: Vec<InputUnit>,
+    /// Samples: those of the first unit, then of the second, and so on.
+    pub reals: Vec<RealSample>,
+    /// Names of the splits, in the order in which they appear.
     pub splits: Vec<String>,
-    /// True if a sample's split is its unit's.
+    /// Whether a sample's split is that of its unit.
     pub split_by_unit: bool,
     /// Columns and rows of every image.
     pub size: [usize; 2],
-    /// The column with the image's file; of tars the end of the image's name.
-    pub image: String,
-    /// The end of the label's name in a tar.
-    pub label: String,
-    /// What its columns mean.
+    /// Column with the image's file; for tars the suffix of the image's name.
+    pub image_column: String,
+    /// Suffix of the label's name in a tar.
+    pub label_suffix: String,
+    /// Meaning of the columns.
     pub columns: ColumnMap,
-    /// A label of the set, for its keys: of a table in JSON or a tar. A table in CSV has a header.
+    /// A label of the set, for its keys, if labels are JSON. A CSV table has a header instead.
     pub example: serde_json::Map<String, serde_json::Value>,
-    /// The text of each unit that is a table, in their order, for messages and for what is passed through.
-    pub sources: Vec<Source>,
-    /// Ends of the names in a tar that every sample has.
+    /// Text of each unit that is a table, in their order, for messages and for what is passed through.
+    pub sources: Vec<SourceText>,
+    /// Suffixes that every sample in a tar has.
     pub suffixes: Vec<String>,
-    /// The annotations of each unit, of COCO.
-    pub annotations: Vec<Annotations>,
+    /// Annotations of each unit, for COCO.
+    pub annotations: Vec<CocoAnnotations>,
 }
 
-/// How a set is laid out.
+/// Layout of a set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Layout {
+pub enum InputLayout {
     /// Tables that name images.
     Tables,
-    /// Images in folders that say what they are.
+    /// Images whose folders are labels.
     ClassFolders(FolderKind),
     /// COCO annotations that name images.
     Coco,
@@ -84,25 +84,25 @@ pub enum Layout {
     Tars,
 }
 
-/// What holds labels.
+/// A file that holds labels.
 #[derive(Clone, Debug)]
-pub struct Unit {
-    /// Its file, from the set's folder.
+pub struct InputUnit {
+    /// File, relative to the set's folder.
     pub file: PathBuf,
-    /// How it holds them.
-    pub form: Form,
-    /// Its samples in [`Set::reals`].
+    /// Format of the labels.
+    pub form: LabelFormat,
+    /// Its samples in [`RealDataset::reals`].
     pub reals: Range<usize>,
-    /// The split that its name tells.
+    /// Split that its name tells.
     pub split: Option<String>,
-    /// The folder that its images' names start from, from the set's.
+    /// Folder from which its images' names start, relative to the set's.
     pub images: PathBuf,
 }
 
-/// How a unit holds labels.
+/// Format of a unit's labels.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Form {
-    /// A table with these columns.
+pub enum LabelFormat {
+    /// A CSV table with these columns.
     Csv(Vec<String>),
     /// One JSON object a line.
     JsonLines,
@@ -112,8 +112,8 @@ pub enum Form {
     Tar,
 }
 
-impl Unit {
-    /// The folder that it is in, from the set's.
+impl InputUnit {
+    /// Folder of the file, relative to the set's.
     pub fn folder(&self) -> &Path {
         self.file.parent().unwrap_or(Path::new(""))
     }
@@ -121,28 +121,28 @@ impl Unit {
 
 /// A real sample.
 #[derive(Clone, Debug)]
-pub struct Real {
-    /// Its name in the set: the image's file, or the key in its tar; with the unit's where that alone is not unique.
+pub struct RealSample {
+    /// Unique name in the set: the image's file or the key in its tar, with that of the unit where needed.
     pub key: String,
-    /// Its unit.
+    /// Number of its unit.
     pub unit: usize,
-    /// The image's file, from the unit's folder of images, with `/` between folders; of tars the key.
+    /// File of the image, relative to the unit's images folder, with `/` between folders; for tars the key.
     pub image: String,
-    /// The same from the set's folder; empty for tars.
+    /// File of the image, relative to the set's folder; empty for tars.
     pub path: PathBuf,
-    /// True if its label has `\` between folders.
+    /// Whether its label has `\` between folders.
     pub has_backslashes: bool,
-    /// Where its label stands in the unit's text; empty for tars.
+    /// Range of its label in the unit's text; empty for tars.
     pub text: Range<usize>,
-    /// Number of its split in [`Set::splits`].
+    /// Number of its split in [`RealDataset::splits`].
     pub split: usize,
-    /// What its label says.
+    /// Facts of its label.
     pub facts: LabelFacts,
 }
 
-impl Real {
-    /// One of which nothing but its image is known.
-    fn of_image(unit: usize, image: &str) -> Self {
+impl RealSample {
+    /// Creates a sample of which only the image is known.
+    fn from_image(unit: usize, image: &str) -> Self {
         Self {
             key: image.to_owned(),
             unit,
@@ -156,45 +156,49 @@ impl Real {
     }
 }
 
-impl Set {
-    /// The text of a sample's label, of a table.
-    pub fn text(&self, real: &Real) -> &str {
+impl RealDataset {
+    /// Returns the text of a sample's label in a table.
+    pub fn label_text(&self, real: &RealSample) -> &str {
         self.sources.get(real.unit).map_or("", |source| &source.text[real.text.clone()])
     }
 
-    /// A mistake in a sample's label.
-    pub fn problem(&self, real: &Real, message: impl Into<String>) -> Diagnostic {
+    /// Returns a mistake in a sample's label, at its place if that is a row.
+    pub fn label_problem(&self, real: &RealSample, message: impl Into<String>) -> Diagnostic {
         match self.layout {
-            Layout::Tables => {
-                Diagnostic::new(message).at(table::place(real.unit, &self.sources[real.unit].text, real.text.start))
-            }
-            _ => Diagnostic::new(format!("{}: {}", self.name(real), message.into())),
+            InputLayout::Tables => Diagnostic::new(message).at(table::place_of_row(
+                real.unit,
+                &self.sources[real.unit].text,
+                real.text.start,
+            )),
+            _ => Diagnostic::new(format!("{}: {}", self.sample_name(real), message.into())),
         }
     }
 
-    /// A sample in messages.
-    pub fn name(&self, real: &Real) -> String {
+    /// Returns a sample's name for messages.
+    pub fn sample_name(&self, real: &RealSample) -> String {
         match self.layout {
-            Layout::Tars => format!("{}: {}", self.root.join(&self.units[real.unit].file).display(), real.image),
-            _ => self.path(real).display().to_string(),
+            InputLayout::Tars => format!("{}: {}", self.root.join(&self.units[real.unit].file).display(), real.image),
+            _ => self.image_path(real).display().to_string(),
         }
     }
 
-    /// A sample's image; not of tars.
-    pub fn path(&self, real: &Real) -> PathBuf {
+    /// Returns the path of a sample's image, unless it is in a tar.
+    pub fn image_path(&self, real: &RealSample) -> PathBuf {
         self.root.join(&real.path)
     }
 
-    /// The bytes of a sample's image.
-    pub fn image(&self, real: &Real) -> Result<Vec<u8>, String> {
+    /// Reads the bytes of a sample's image.
+    pub fn read_image(&self, real: &RealSample) -> Result<Vec<u8>, String> {
         if !self.in_tars() {
-            return gelsim_files::input::read(&self.path(real), MOST_IMAGE_BYTES).map_err(|error| error.to_string());
+            return gelsim_files::input::read(&self.image_path(real), MAX_IMAGE_BYTES)
+                .map_err(|error| error.to_string());
         }
         let unit = self.root.join(&self.units[real.unit].file);
         let mut found = None;
-        let wanted =
-            |head: Head<'_>| (head.key == real.image && head.suffix == self.image).then_some(MOST_MEMBER_BYTES);
-        archive::open(&unit, wanted, |files| {
+        let wanted = |head: MemberHead<'_>| {
+            (head.key == real.image && head.suffix == self.image_column).then_some(MAX_MEMBER_BYTES)
+        };
+        archive::visit_tar_file(&unit, wanted, |files| {
             if files.key == real.image {
                 found = files.members.into_iter().next().map(|(_, bytes)| bytes);
                 ControlFlow::Break(())
@@ -205,98 +209,118 @@ impl Set {
         found.ok_or_else(|| String::from("it is not there any more"))
     }
 
-    /// True of a set that Hugging Face reads as an imagefolder with metadata.
+    /// Returns true for a set that Hugging Face reads as an imagefolder with metadata.
     pub fn is_imagefolder(&self) -> bool {
         self.units.iter().all(|unit| unit.file.file_stem().is_some_and(|stem| stem == "metadata"))
     }
 
-    /// True of a set in tars.
+    /// Returns true for a set in tars.
     pub fn in_tars(&self) -> bool {
-        self.layout == Layout::Tars
+        self.layout == InputLayout::Tars
     }
 
-    /// True of images in folders that say what they are.
+    /// Returns true for images whose folders are labels.
     pub fn in_class_folders(&self) -> bool {
-        matches!(self.layout, Layout::ClassFolders(_))
+        matches!(self.layout, InputLayout::ClassFolders(_))
     }
 }
 
-/// What is known while units are read.
-struct Draft<'a> {
+/// State while the units of a set are read.
+struct DatasetDraft<'a> {
     root: &'a Path,
-    layout: Layout,
+    layout: InputLayout,
     written: &'a config::Input,
-    units: Vec<Unit>,
-    reals: Vec<Real>,
-    /// Split of each sample by its label.
-    named: Vec<Option<String>>,
-    sources: Vec<Source>,
-    image: Option<String>,
-    label: String,
+    units: Vec<InputUnit>,
+    reals: Vec<RealSample>,
+    /// Split of each sample as its label says.
+    label_splits: Vec<Option<String>>,
+    sources: Vec<SourceText>,
+    image_column: Option<String>,
+    label_suffix: String,
     columns: Option<ColumnMap>,
     example: serde_json::Map<String, serde_json::Value>,
     suffixes: Vec<String>,
-    coco: Vec<Annotations>,
+    annotations: Vec<CocoAnnotations>,
     /// Images that COCO annotations name.
     paths: HashSet<PathBuf>,
     /// Size of each image.
     sizes: Vec<Result<[usize; 2], String>>,
     /// Mistakes in the set itself.
-    found: Diagnostics,
-    /// What is left out of it.
+    problems: Diagnostics,
+    /// What is left out of the set.
     notes: Diagnostics,
 }
 
-/// Reads the real dataset that `written` names; what is wrong in it is the report, what is wrong with the keys goes to
-/// `check`. `None` after a mistake.
-pub fn read(check: &mut Check<'_>, written: &config::Input, notes: &mut Diagnostics) -> (Option<Set>, Report) {
-    let Some(find::Found { root, layout, units, files }) = find::units(check, written) else {
+/// Reads the real dataset that `written` names. Mistakes in it are returned as a report, mistakes in the keys go to
+/// `check`. No set after a mistake.
+pub fn read(
+    check: &mut JobChecker<'_>,
+    written: &config::Input,
+    notes: &mut Diagnostics,
+) -> (Option<RealDataset>, Report) {
+    let Some(find::FoundDataset { root, layout, units, files }) = find::find_units(check, written) else {
         return (None, Report::default());
     };
-    let mut draft = Draft {
+    let mut draft = DatasetDraft {
         root: &root,
         layout,
         written,
         reals: Vec::new(),
-        named: Vec::new(),
+        label_splits: Vec::new(),
         sources: Vec::new(),
-        image: None,
-        label: written.labels.clone().unwrap_or_else(|| String::from("json")),
+        image_column: None,
+        label_suffix: written.labels.clone().unwrap_or_else(|| String::from("json")),
         columns: None,
         example: serde_json::Map::new(),
         suffixes: Vec::new(),
-        coco: Vec::new(),
+        annotations: Vec::new(),
         paths: HashSet::new(),
         sizes: Vec::new(),
-        found: Diagnostics::default(),
+        problems: Diagnostics::default(),
         notes: Diagnostics::default(),
         units,
     };
-    if layout == Layout::Tars && written.images.is_some() {
-        check.error("input.images", "images are in the tars", "leave it out; input.image says which files are images");
+    if layout == InputLayout::Tars && written.images.is_some() {
+        check.report_error(
+            "input.images",
+            "images are in the tars",
+            "leave it out; input.image says which files are images",
+        );
     }
     let mut files = Some(files);
     for unit in 0..draft.units.len() {
         let first = draft.reals.len();
         let read = match layout {
-            Layout::Tables => table::read(check, &mut draft, unit),
-            Layout::ClassFolders(_) => folders::read(check, &mut draft, files.take().unwrap_or_default()),
-            Layout::Coco => coco::read(check, &mut draft, unit),
-            Layout::Tars => tars::read(check, &mut draft, unit),
+            InputLayout::Tables => table::read(check, &mut draft, unit),
+            InputLayout::ClassFolders(_) => folders::read(check, &mut draft, files.take().unwrap_or_default()),
+            InputLayout::Coco => coco::read(check, &mut draft, unit),
+            InputLayout::Tars => tars::read(check, &mut draft, unit),
         };
         draft.units[unit].reals = first..draft.reals.len();
         if read.is_none() {
             break;
         }
     }
-    qualify(&mut draft);
-    let size = measure(&mut draft);
-    let Draft { units, mut reals, named, sources, image, label, columns, example, suffixes, found, .. } = draft;
-    let (layout, annotations) = (draft.layout, draft.coco);
+    qualify_keys(&mut draft);
+    let size = find_common_image_size(&mut draft);
+    let DatasetDraft {
+        units,
+        mut reals,
+        label_splits: named,
+        sources,
+        image_column: image,
+        label_suffix: label,
+        columns,
+        example,
+        suffixes,
+        problems: found,
+        ..
+    } = draft;
+    let (layout, annotations) = (draft.layout, draft.annotations);
     notes.extend(draft.notes);
     if found.is_empty() && check.problems.is_empty() && reals.is_empty() {
         let help = "write a row for each image, or name another folder: one with labelled images";
-        check.error("input.path", format!("{} holds no sample", root.display()), help);
+        check.report_error("input.path", format!("{} holds no sample", root.display()), help);
     }
     let report = Report::new(&found, &sources);
     let (Some(columns), Some(image), Some(size), true) = (columns, image, size, found.is_empty()) else {
@@ -312,7 +336,7 @@ pub fn read(check: &mut Check<'_>, written: &config::Input, notes: &mut Diagnost
             splits.len() - 1
         });
     }
-    let set = Set {
+    let set = RealDataset {
         root,
         layout,
         units,
@@ -320,8 +344,8 @@ pub fn read(check: &mut Check<'_>, written: &config::Input, notes: &mut Diagnost
         splits,
         split_by_unit,
         size,
-        image,
-        label,
+        image_column: image,
+        label_suffix: label,
         columns,
         example,
         sources,
@@ -331,11 +355,11 @@ pub fn read(check: &mut Check<'_>, written: &config::Input, notes: &mut Diagnost
     (Some(set), report)
 }
 
-/// Names samples with their unit where the same name is in several.
-fn qualify(draft: &mut Draft<'_>) {
+/// Qualifies the names of samples with that of their unit where needed to be unique.
+fn qualify_keys(draft: &mut DatasetDraft<'_>) {
     let mut known: HashMap<&str, usize> = HashMap::new();
     let shared = draft.reals.iter().any(|real| known.insert(&real.key, real.unit).is_some());
-    let in_tars = draft.layout == Layout::Tars;
+    let in_tars = draft.layout == InputLayout::Tars;
     let several = !in_tars && draft.units.len() > 1;
     if !(shared || several) {
         return;
@@ -347,36 +371,37 @@ fn qualify(draft: &mut Draft<'_>) {
     }
 }
 
-/// The size that all images have; says which have another one, or cannot be read.
-fn measure(draft: &mut Draft<'_>) -> Option<[usize; 2]> {
+/// Finds the common size of all images, and reports images that have another one or cannot be read.
+fn find_common_image_size(draft: &mut DatasetDraft<'_>) -> Option<[usize; 2]> {
     let sizes = std::mem::take(&mut draft.sizes);
     let size = sizes.iter().find_map(|size| size.as_ref().ok()).copied();
-    // What to do is found out once for each unit and cause: folders are looked through for it.
+    // The help is found once per unit and cause, because it searches folders.
     let mut helps: HashMap<(usize, String), String> = HashMap::new();
     for (number, found) in sizes.into_iter().enumerate() {
         let real = &draft.reals[number];
         let problem = match (found, size) {
             (Err(reason), _) => {
-                let images::Unreadable { message, cause } = images::unreadable(draft, real, &reason);
-                let help = helps.entry((real.unit, cause.clone())).or_insert_with(|| images::help(draft, real));
-                Diagnostic::new(message).of(&real.key, cause).help(help.clone())
+                let images::UnreadableImage { message, cause } = images::explain_unreadable(draft, real, &reason);
+                let help =
+                    helps.entry((real.unit, cause.clone())).or_insert_with(|| images::help_for_image(draft, real));
+                Diagnostic::new(message).about(&real.key, cause).help(help.clone())
             }
             (Ok([width, height]), Some([w, h])) if [width, height] != [w, h] => {
                 let message = format!("{} is {width}x{height} px, the first image {w}x{h} px", real.key);
                 let cause = format!("images have not the first one's size ({w}x{h} px)");
-                let problem = Diagnostic::new(message).of(format!("{} ({width}x{height} px)", real.key), cause);
+                let problem = Diagnostic::new(message).about(format!("{} ({width}x{height} px)", real.key), cause);
                 problem.help("images of one sensor have one size: divide the set, or leave these out")
             }
             _ => continue,
         };
-        let place = (draft.layout == Layout::Tables)
-            .then(|| table::place(real.unit, &draft.sources[real.unit].text, real.text.start));
+        let place = (draft.layout == InputLayout::Tables)
+            .then(|| table::place_of_row(real.unit, &draft.sources[real.unit].text, real.text.start));
         let unit = draft.root.join(&draft.units[real.unit].file);
         let problem = match draft.layout {
-            Layout::Tars => Diagnostic { message: format!("{}: {}", unit.display(), problem.message), ..problem },
+            InputLayout::Tars => Diagnostic { message: format!("{}: {}", unit.display(), problem.message), ..problem },
             _ => problem.at(place),
         };
-        draft.found.push(problem);
+        draft.problems.push(problem);
     }
     size
 }

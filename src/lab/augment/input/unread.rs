@@ -1,28 +1,28 @@
-//! Layouts of datasets that are not read, known by what is in their folders, and how to come to one that is.
+//! Recognises layouts of datasets that are not read by what is in their folders, and says how to convert them.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::names::ending;
+use super::names::lowercase_ending;
 use gelsim_files::input;
 
-/// Largest file that says what a dataset is, bytes.
-const MOST_BYTES: u64 = 1 << 20;
+/// Largest file that is read to recognise a dataset, bytes.
+const MAX_BYTES: u64 = 1 << 20;
 
-/// What a folder is that is not read, behind "is", and what to do; `None` of any other folder.
-pub fn recognise(root: &Path) -> Option<(String, String)> {
+/// Describes a folder in a layout that is not read, to follow "is", and what to do; `None` for any other folder.
+pub fn recognise_dataset(root: &Path) -> Option<(String, String)> {
     let json = |name: &str| -> Option<Value> {
-        serde_json::from_slice(&input::read_if_there(&root.join(name), MOST_BYTES).ok()??).ok()
+        serde_json::from_slice(&input::read_if_exists(&root.join(name), MAX_BYTES).ok()??).ok()
     };
     if json("meta/info.json").is_some_and(|info| info["codebase_version"].is_string()) {
         let own = json("meta/gelsim.json");
-        return Some(copy("a LeRobot dataset", "Parquet or videos", own.as_ref()));
+        return Some(describe_copy("a LeRobot dataset", "Parquet or videos", own.as_ref()));
     }
     if let Some(group) = json("zarr.json").or_else(|| json(".zattrs")).or_else(|| json(".zgroup")) {
         let own = group.pointer("/attributes/gelsim").or_else(|| group.get("gelsim"));
-        return Some(copy("a Zarr store", "arrays", own));
+        return Some(describe_copy("a Zarr store", "arrays", own));
     }
     if ["state.json", "dataset_dict.json"].iter().any(|name| root.join(name).is_file())
         && json("state.json").is_none_or(|state| state["_data_files"].is_array())
@@ -34,8 +34,8 @@ pub fn recognise(root: &Path) -> Option<(String, String)> {
     None
 }
 
-/// A copy in another program's layout; `own` is what `gelsim-export` says of the dataset that it was made of.
-fn copy(what: &str, holds: &str, own: Option<&Value>) -> (String, String) {
+/// Describes a copy in another program's layout; `own` is what `gelsim-export` wrote about the original dataset.
+fn describe_copy(what: &str, holds: &str, own: Option<&Value>) -> (String, String) {
     match own.and_then(|own| own["name"].as_str()) {
         Some(name) => (
             format!("{what}, a copy that gelsim-export made of the dataset {name:?}"),
@@ -50,14 +50,14 @@ fn copy(what: &str, holds: &str, own: Option<&Value>) -> (String, String) {
     }
 }
 
-/// Annotations that are not read, behind "has", and what to do.
+/// Describes annotations that are not read, to follow "has", and what to do.
 pub fn recognise_annotations(root: &Path) -> Option<(String, String)> {
     let help = "export them as COCO, which is read: labelling programs and Roboflow write it; or write a table of labels \
                 without boxes";
     let folders = ["", "train", "valid", "val", "test"].map(|folder| root.join(folder));
     let holds = |name: &str, kind: &str| {
         let mut folders = folders.iter().map(|folder| folder.join(name)).filter(|folder| folder.is_dir());
-        folders.any(|folder| first_of(&folder, kind))
+        folders.any(|folder| holds_kind(&folder, kind))
     };
     let yaml = ["data.yaml", "data.yml", "dataset.yaml"].iter().any(|name| root.join(name).is_file());
     if holds("labels", "txt") || yaml && holds("", "txt") {
@@ -69,23 +69,25 @@ pub fn recognise_annotations(root: &Path) -> Option<(String, String)> {
     None
 }
 
-/// True if a folder holds a file of a kind, or a folder in it does.
-fn first_of(folder: &Path, kind: &str) -> bool {
-    /// More are not looked at.
-    const MOST: usize = 2000;
+/// Returns true if a folder, or a folder in it, holds a file of a kind.
+fn holds_kind(folder: &Path, kind: &str) -> bool {
+    /// Most entries that are examined.
+    const MAX_ENTRIES: usize = 2000;
     let Ok(entries) = fs::read_dir(folder) else { return false };
-    let paths: Vec<PathBuf> = entries.take(MOST).filter_map(|entry| Some(entry.ok()?.path())).collect();
+    let paths: Vec<PathBuf> = entries.take(MAX_ENTRIES).filter_map(|entry| Some(entry.ok()?.path())).collect();
     let named = |path: &Path| {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
-        ending(path) == kind && !["readme", "classes", "license", "count", "requirements"].contains(&name.as_str())
+        lowercase_ending(path) == kind
+            && !["readme", "classes", "license", "count", "requirements"].contains(&name.as_str())
     };
     paths.iter().any(|path| named(path))
         || paths.iter().filter(|path| path.is_dir()).any(|folder| {
-            fs::read_dir(folder).is_ok_and(|entries| entries.take(MOST).flatten().any(|entry| named(&entry.path())))
+            fs::read_dir(folder)
+                .is_ok_and(|entries| entries.take(MAX_ENTRIES).flatten().any(|entry| named(&entry.path())))
         })
 }
 
-/// Kinds of files that hold images where no image is, what they are, and what to do.
+/// Endings of files that may hold images, what they are, and what to do.
 const KINDS: [(&[&str], &str, &str); 7] = [
     (&["parquet", "arrow", "feather"], "Parquet or Arrow tables", "save the images in them as files, with a table"),
     (&["h5", "hdf5", "mat"], "HDF5 files", "save the images in them as PNG, with a table of labels"),
@@ -100,9 +102,10 @@ const KINDS: [(&[&str], &str, &str); 7] = [
     (&["zip", "gz", "tgz", "bz2", "xz", "zst", "7z", "rar"], "archives", "unpack them"),
 ];
 
-/// What files are that hold images and are not read; the most frequent kind.
+/// Describes the most frequent kind of files that hold images but are not read.
 pub fn recognise_files(files: &[PathBuf]) -> Option<(&'static str, String)> {
-    let count = |endings: &[&str]| files.iter().filter(|file| endings.contains(&ending(file).as_str())).count();
+    let count =
+        |endings: &[&str]| files.iter().filter(|file| endings.contains(&lowercase_ending(file).as_str())).count();
     let kinds = KINDS.iter().map(|(endings, what, help)| (count(endings), what, help));
     let (count, what, help) = kinds.max_by_key(|(count, ..)| *count)?;
     (count > 0).then(|| (*what, (*help).to_owned()))

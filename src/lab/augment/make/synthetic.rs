@@ -1,28 +1,28 @@
-//! New samples of a job among the real ones.
+//! Makes new samples of a job among the real ones.
 
 use std::path::Path;
 
 use serde::Serialize;
 
-use super::{Maker, image_stats, small, text};
+use super::{SampleMaker, json_to_text, stats_of_image, to_thumbnail};
 use crate::AugmentError;
-use crate::input::{Form, Real};
-use crate::output::Piece;
-use crate::output::labels::Synthetic;
+use crate::input::{LabelFormat, RealSample};
+use crate::output::OutputSample;
+use crate::output::labels::SyntheticSample;
 use crate::output::pictures::{encode_as, is_of_format};
 use crate::report::SampleEntry;
 use crate::trace::{Source, Trace};
 use gelsim_dataset::archive::Member;
-use gelsim_dataset::encode::{json, members};
-use gelsim_files::figures::figure;
-use gelsim_job::sample::Accepted;
-use gelsim_job::sample::Unfit;
-use gelsim_job::sample::accept;
+use gelsim_dataset::encode::{encode_members, to_json_line};
+use gelsim_files::number_format::format_number;
+use gelsim_job::sample::AcceptedSample;
+use gelsim_job::sample::RejectedSample;
+use gelsim_job::sample::accept_sample;
 use gelsim_job::scene::Scene;
 
-/// What was done for a synthetic sample.
+/// How a synthetic sample was made, for its label.
 #[derive(Serialize)]
-struct Drawn<'a> {
+struct SyntheticTrace<'a> {
     job: &'a str,
     fingerprint: &'a str,
     seed: u64,
@@ -30,53 +30,58 @@ struct Drawn<'a> {
     attempt: u32,
 }
 
-impl Maker<'_> {
-    /// Sample `index` of the job, in the split of the real sample number `number`, and beside it.
-    pub(super) fn synthetic(
+impl SampleMaker<'_> {
+    /// Makes sample `index` of the job. It joins the split and the unit of the real sample `beside`, which has the
+    /// number `number`.
+    pub(super) fn make_synthetic_sample(
         &self,
-        beside: &Real,
+        beside: &RealSample,
         number: usize,
         index: u64,
         on_page: bool,
-    ) -> Result<(Piece, SampleEntry), AugmentError> {
+    ) -> Result<(OutputSample, SampleEntry), AugmentError> {
         let (set, division) = (&self.recipe.set, &self.recipe.division);
         let Some(mix) = &self.recipe.mix else {
             return Err(AugmentError::Sample(String::from("no job is there for a synthetic sample")));
         };
-        let Accepted { sample, .. } = accept(&mix.plan, index).map_err(|Unfit(label)| {
+        let AcceptedSample { sample, .. } = accept_sample(&mix.plan, index).map_err(|RejectedSample(label)| {
             AugmentError::Unhealthy(format!(
                 "sample {} of the job is not healthy: {}",
                 label.header.key, label.health.reason
             ))
         })?;
-        let split = division.of_reals[number];
+        let split = division.split_of_real[number];
         let form = &set.units[beside.unit].form;
-        let drawn = Drawn {
+        let drawn = SyntheticTrace {
             job: mix.plan.name(),
             fingerprint: &mix.plan.fingerprint,
             seed: mix.plan.seed(),
             index,
             attempt: sample.label.header.attempt,
         };
-        let trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation: text(json(&drawn)) };
+        let trace = Trace {
+            source: Source::Synthetic,
+            source_key: String::new(),
+            augmentation: json_to_text(to_json_line(&drawn)),
+        };
         let key = format!("synthetic-{index:09}");
-        let placed = self.units.synthetic(beside, split, &sample.label.header.object.class, &key);
-        let mut files = members(&mix.plan, &sample);
+        let placed = self.units.place_synthetic_image(beside, split, &sample.label.header.object.class, &key);
+        let mut files = encode_members(&mix.plan, &sample);
         files.retain(|member| member.suffix != "json");
-        let mut piece = Piece { unit: beside.unit, split, key: key.clone(), ..Piece::default() };
+        let mut piece = OutputSample { unit: beside.unit, split, key: key.clone(), ..OutputSample::default() };
         let mut columns = Vec::new();
         for Member { suffix, bytes } in files {
             let bytes = bytes.into_vec().expect("of a press nothing is spooled");
             let tactile = suffix == "tactile.png";
-            if *form == Form::Tar {
+            if *form == LabelFormat::Tar {
                 if tactile {
                     let failed = |reason: String| AugmentError::Sample(format!("{key}: {reason}"));
-                    let image = if is_of_format(&bytes, &set.image) {
+                    let image = if is_of_format(&bytes, &set.image_column) {
                         bytes
                     } else {
-                        encode_as(&set.image, &sample.impression.image).map_err(failed)?
+                        encode_as(&set.image_column, &sample.impression.image).map_err(failed)?
                     };
-                    piece.tar_files.push(Member::new(set.image.as_str(), image));
+                    piece.tar_files.push(Member::new(set.image_column.as_str(), image));
                 } else if self.columns.contains(&suffix) {
                     piece.tar_files.push(Member::new(suffix, bytes));
                 }
@@ -101,17 +106,17 @@ impl Maker<'_> {
             }
             piece.files.push((file, bytes));
         }
-        let name = if *form == Form::Tar { &key } else { &placed.name };
+        let name = if *form == LabelFormat::Tar { &key } else { &placed.name };
         let scene = Scene::draw(&mix.plan, index, sample.label.header.attempt);
-        let made = Synthetic { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
-        let label = self.labels.synthetic(form, &made, &division.names[split], name, &trace);
+        let made = SyntheticSample { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
+        let label = self.labels.encode_synthetic_label(form, &made, &division.names[split], name, &trace);
         match form {
-            Form::Tar => piece.tar_files.push(Member::new(set.label.as_str(), label)),
+            LabelFormat::Tar => piece.tar_files.push(Member::new(set.label_suffix.as_str(), label)),
             _ => piece.row = label,
         }
         let by_class = set.reals.iter().any(|real| real.facts.class.is_some());
         let object = &sample.label.header.object;
-        let depth = figure(sample.label.indentation_depth_mm);
+        let depth = format_number(sample.label.indentation_depth_mm);
         let split_name = &division.names[split];
         let comma = if split_name.is_empty() { "" } else { ", " };
         let caption = format!("{}\n{depth} mm deep{comma}{split_name}", object.class);
@@ -120,9 +125,9 @@ impl Maker<'_> {
             split,
             kind: Some(if by_class { object.class.clone() } else { object.id.clone() }),
             depth_mm: Some(sample.label.indentation_depth_mm),
-            image_stats: image_stats(&sample.impression.image),
+            image_stats: stats_of_image(&sample.impression.image),
             number,
-            tile: on_page.then(|| (small(&sample.impression.image), caption)),
+            tile: on_page.then(|| (to_thumbnail(&sample.impression.image), caption)),
             pair: None,
         };
         Ok((piece, entry))

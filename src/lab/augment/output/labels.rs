@@ -1,27 +1,27 @@
-//! Labels of an output: those of real samples with what they had, those of synthetic ones in the same columns.
+//! Labels of an output: those of real samples as they were, those of synthetic ones in the same columns.
 
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde_json::{Map, Value};
 
-use crate::input::columns::{self, Meaning, is_own};
-use crate::input::{Form, Set};
+use crate::input::columns::{self, ColumnMeaning, is_own_label};
+use crate::input::{LabelFormat, RealDataset};
 use crate::trace::{Trace, TraceColumns};
-use gelsim_dataset::encode::json;
+use gelsim_dataset::encode::to_json_line;
 use gelsim_job::label::Label;
 
 /// Writes the labels of one set.
-pub struct Labels<'a> {
-    /// The set.
-    pub set: &'a Set,
+pub struct LabelWriter<'a> {
+    /// The real dataset.
+    pub set: &'a RealDataset,
     /// Columns of the trace.
     pub trace: TraceColumns,
-    /// The column of the split, where the output has splits of its own.
+    /// Column of the split, if the output has new splits.
     pub split: Option<String>,
 }
 
-/// What a synthetic sample is, for the columns of a real set.
-pub struct Synthetic<'a> {
-    /// Its label.
+/// A synthetic sample, for the columns of a real set.
+pub struct SyntheticSample<'a> {
+    /// Label of the sample.
     pub label: &'a Label,
     /// The point that was placed, mm from the middle of the image.
     pub place_mm: [f64; 2],
@@ -29,25 +29,32 @@ pub struct Synthetic<'a> {
     pub files: Vec<(String, String)>,
 }
 
-impl Labels<'_> {
-    /// The first line of a table in CSV, which has these columns; nothing of other units.
-    pub fn header(&self, form: &Form) -> Vec<u8> {
-        let Form::Csv(names) = form else { return Vec::new() };
-        let split = self.added_split(names);
-        record(names.iter().chain(split).chain(&self.trace.0).map(String::as_str))
+impl LabelWriter<'_> {
+    /// Encodes the first line of a CSV table with these columns; empty for other formats.
+    pub fn encode_csv_header(&self, form: &LabelFormat) -> Vec<u8> {
+        let LabelFormat::Csv(names) = form else { return Vec::new() };
+        let split = self.added_split_column(names);
+        encode_csv_record(names.iter().chain(split).chain(&self.trace.0).map(String::as_str))
     }
 
-    /// The column of the split, if a table with these columns has none yet.
-    fn added_split(&self, names: &[String]) -> Option<&String> {
+    /// Returns the column of the split if a table with these columns does not have it yet.
+    fn added_split_column(&self, names: &[String]) -> Option<&String> {
         self.split.as_ref().filter(|split| !names.contains(split))
     }
 
-    /// The label of a real sample, or of one made of it. `text` is the real one's; `changes` are columns that have another
-    /// value.
-    pub fn real(&self, form: &Form, text: &str, split: &str, changes: &[(&str, Value)], trace: &Trace) -> Vec<u8> {
+    /// Encodes the label of a real sample, or of one derived from it. `text` is the real one's; `changes` are columns
+    /// with other values.
+    pub fn encode_real_label(
+        &self,
+        form: &LabelFormat,
+        text: &str,
+        split: &str,
+        changes: &[(&str, Value)],
+        trace: &Trace,
+    ) -> Vec<u8> {
         match form {
-            Form::Csv(names) => {
-                let mut cells = cells(text);
+            LabelFormat::Csv(names) => {
+                let mut cells = parse_csv_record(text);
                 let mut set = |column: &str, value: &str| {
                     if let Some(index) = names.iter().position(|name| name == column) {
                         cells[index] = value.to_owned();
@@ -57,100 +64,107 @@ impl Labels<'_> {
                     set(column, value.as_str().unwrap_or_default());
                 }
                 self.split.iter().for_each(|column| set(column, split));
-                self.finished(names, cells, split, trace)
+                self.encode_csv_row(names, cells, split, trace)
             }
             form => {
                 let mut bytes = match (changes, &self.split) {
-                    ([], None) => self.trace.append(text, trace),
+                    ([], None) => self.trace.append_to_json(text, trace),
                     _ => {
-                        let mut map = object(text);
+                        let mut map = parse_object(text);
                         for (column, value) in changes {
-                            columns::set(&mut map, column, value.clone());
+                            columns::set_value(&mut map, column, value.clone());
                         }
                         if let Some(column) = &self.split {
-                            columns::set(&mut map, column, Value::from(split));
+                            columns::set_value(&mut map, column, Value::from(split));
                         }
-                        self.trace.set(&mut map, trace);
-                        json(&map)
+                        self.trace.insert_into(&mut map, trace);
+                        to_json_line(&map)
                     }
                 };
-                bytes.extend((*form == Form::JsonLines).then_some(b'\n'));
+                bytes.extend((*form == LabelFormat::JsonLines).then_some(b'\n'));
                 bytes
             }
         }
     }
 
-    fn finished(&self, names: &[String], mut cells: Vec<String>, split: &str, trace: &Trace) -> Vec<u8> {
-        cells.extend(self.added_split(names).map(|_| split.to_owned()));
-        record(cells.iter().map(String::as_str).chain(trace.values()))
+    fn encode_csv_row(&self, names: &[String], mut cells: Vec<String>, split: &str, trace: &Trace) -> Vec<u8> {
+        cells.extend(self.added_split_column(names).map(|_| split.to_owned()));
+        encode_csv_record(cells.iter().map(String::as_str).chain(trace.column_values()))
     }
 
-    /// The label of a synthetic sample that is called `name`: its image's file, or its key.
-    pub fn synthetic(&self, form: &Form, sample: &Synthetic<'_>, split: &str, name: &str, trace: &Trace) -> Vec<u8> {
-        let mut values = self.values(sample, split);
-        if *form != Form::Tar {
-            values.push((self.set.image.clone(), Value::from(name)));
+    /// Encodes the label of a synthetic sample with this `name`: its image's file, or its key.
+    pub fn encode_synthetic_label(
+        &self,
+        form: &LabelFormat,
+        sample: &SyntheticSample<'_>,
+        split: &str,
+        name: &str,
+        trace: &Trace,
+    ) -> Vec<u8> {
+        let mut values = self.known_column_values(sample, split);
+        if *form != LabelFormat::Tar {
+            values.push((self.set.image_column.clone(), Value::from(name)));
         }
         values.extend(sample.files.iter().map(|(column, file)| (column.clone(), Value::from(file.as_str()))));
         match form {
-            Form::Csv(names) => {
+            LabelFormat::Csv(names) => {
                 let mut cells = vec![String::new(); names.len()];
                 for (column, value) in values {
                     if let Some(index) = names.iter().position(|name| *name == column) {
                         cells[index] = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
                     }
                 }
-                self.finished(names, cells, split, trace)
+                self.encode_csv_row(names, cells, split, trace)
             }
             form => {
                 let listed = |path: &str| values.iter().any(|(column, _)| column.starts_with(&format!("{path}.")));
-                let mut map = emptied(&self.set.example, "", &listed);
-                if is_own(&self.set.example) {
+                let mut map = clear_values(&self.set.example, "", &listed);
+                if is_own_label(&self.set.example) {
                     let Ok(Value::Object(own)) = serde_json::to_value(sample.label) else { return Vec::new() };
                     for (key, value) in own {
-                        if let Some(there) = map.get_mut(&key) {
-                            *there = value;
+                        if let Some(slot) = map.get_mut(&key) {
+                            *slot = value;
                         }
                     }
-                    if *form == Form::Tar && map.contains_key("key") {
+                    if *form == LabelFormat::Tar && map.contains_key("key") {
                         map.insert(String::from("key"), Value::from(name));
                     }
                 }
-                values.into_iter().for_each(|(column, value)| columns::set(&mut map, &column, value));
-                self.trace.set(&mut map, trace);
-                let mut bytes = json(&map);
-                bytes.extend((*form == Form::JsonLines).then_some(b'\n'));
+                values.into_iter().for_each(|(column, value)| columns::set_value(&mut map, &column, value));
+                self.trace.insert_into(&mut map, trace);
+                let mut bytes = to_json_line(&map);
+                bytes.extend((*form == LabelFormat::JsonLines).then_some(b'\n'));
                 bytes
             }
         }
     }
 
-    /// The columns whose meaning is known, and their values.
-    fn values(&self, sample: &Synthetic<'_>, split: &str) -> Vec<(String, Value)> {
-        let Synthetic { label, place_mm, .. } = sample;
-        let own = is_own(&self.set.example);
-        let value = |meaning: Meaning| {
+    /// Returns the columns whose meaning is known, with their values.
+    fn known_column_values(&self, sample: &SyntheticSample<'_>, split: &str) -> Vec<(String, Value)> {
+        let SyntheticSample { label, place_mm, .. } = sample;
+        let own = is_own_label(&self.set.example);
+        let value = |meaning: ColumnMeaning| {
             Some(match meaning {
-                Meaning::Object => Value::from(label.header.object.id.as_str()),
-                Meaning::Class => Value::from(label.header.object.class.as_str()),
-                Meaning::Split => Value::from(split),
-                Meaning::Group => return None,
-                Meaning::Depth => Value::from(label.indentation_depth_mm),
-                // The complete label is there, and says where the mesh's origin is.
-                Meaning::X | Meaning::Y if own => return None,
-                Meaning::X => Value::from(place_mm[0]),
-                Meaning::Y => Value::from(place_mm[1]),
-                Meaning::Yaw => Value::from(label.pose.yaw_deg),
-                Meaning::Tilt => Value::from(label.pose.tilt_deg),
-                Meaning::TiltAzimuth => Value::from(label.pose.tilt_azimuth_deg),
-                Meaning::QuaternionX => Value::from(label.pose.quaternion_xyzw[0]),
-                Meaning::QuaternionY => Value::from(label.pose.quaternion_xyzw[1]),
-                Meaning::QuaternionZ => Value::from(label.pose.quaternion_xyzw[2]),
-                Meaning::QuaternionW => Value::from(label.pose.quaternion_xyzw[3]),
+                ColumnMeaning::Object => Value::from(label.header.object.id.as_str()),
+                ColumnMeaning::Class => Value::from(label.header.object.class.as_str()),
+                ColumnMeaning::Split => Value::from(split),
+                ColumnMeaning::Group => return None,
+                ColumnMeaning::Depth => Value::from(label.indentation_depth_mm),
+                // The complete label is written, which has the place of the mesh's origin.
+                ColumnMeaning::X | ColumnMeaning::Y if own => return None,
+                ColumnMeaning::X => Value::from(place_mm[0]),
+                ColumnMeaning::Y => Value::from(place_mm[1]),
+                ColumnMeaning::Yaw => Value::from(label.pose.yaw_deg),
+                ColumnMeaning::Tilt => Value::from(label.pose.tilt_deg),
+                ColumnMeaning::TiltAzimuth => Value::from(label.pose.tilt_azimuth_deg),
+                ColumnMeaning::QuaternionX => Value::from(label.pose.quaternion_xyzw[0]),
+                ColumnMeaning::QuaternionY => Value::from(label.pose.quaternion_xyzw[1]),
+                ColumnMeaning::QuaternionZ => Value::from(label.pose.quaternion_xyzw[2]),
+                ColumnMeaning::QuaternionW => Value::from(label.pose.quaternion_xyzw[3]),
             })
         };
-        let known = Meaning::ALL.into_iter().filter_map(|meaning| {
-            let column = self.set.columns.name(meaning)?;
+        let known = ColumnMeaning::ALL.into_iter().filter_map(|meaning| {
+            let column = self.set.columns.column_of(meaning)?;
             Some((column.to_owned(), value(meaning)?))
         });
         let split = self.split.iter().map(|column| (column.clone(), Value::from(split)));
@@ -158,17 +172,17 @@ impl Labels<'_> {
     }
 }
 
-/// The keys of a label in JSON; only objects are let in when labels are read.
-pub fn object(text: &str) -> Map<String, Value> {
+/// Parses a label in JSON. Labels that are no objects were refused when they were read.
+pub fn parse_object(text: &str) -> Map<String, Value> {
     serde_json::from_str(text).expect("an object, as when it was read")
 }
 
-/// An object with the same keys and nothing in them; of lists, those of which elements are `listed` keep their length.
-fn emptied(map: &Map<String, Value>, at: &str, listed: &impl Fn(&str) -> bool) -> Map<String, Value> {
+/// Returns an object with the same keys but empty values. Lists whose elements are `listed` keep their length.
+fn clear_values(map: &Map<String, Value>, at: &str, listed: &impl Fn(&str) -> bool) -> Map<String, Value> {
     let nothing = |(key, value): (&String, &Value)| {
         let path = if at.is_empty() { key.clone() } else { format!("{at}.{key}") };
         let nothing = match value {
-            Value::Object(inner) => Value::Object(emptied(inner, &path, listed)),
+            Value::Object(inner) => Value::Object(clear_values(inner, &path, listed)),
             Value::Array(items) if listed(&path) => Value::Array(vec![Value::Null; items.len()]),
             _ => Value::Null,
         };
@@ -177,17 +191,17 @@ fn emptied(map: &Map<String, Value>, at: &str, listed: &impl Fn(&str) -> bool) -
     map.iter().map(nothing).collect()
 }
 
-/// The cells of one record.
-pub fn cells(text: &str) -> Vec<String> {
+/// Parses the cells of one record.
+pub fn parse_csv_record(text: &str) -> Vec<String> {
     let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text.as_bytes());
     let mut record = StringRecord::new();
-    // What was read before can be read again.
+    // The text was read before, so it can be read again.
     let _ = reader.read_record(&mut record);
     record.iter().map(str::to_owned).collect()
 }
 
-/// One record as text.
-fn record<'a>(cells: impl Iterator<Item = &'a str>) -> Vec<u8> {
+/// Encodes one record as text.
+fn encode_csv_record<'a>(cells: impl Iterator<Item = &'a str>) -> Vec<u8> {
     let mut writer = WriterBuilder::new().from_writer(Vec::new());
     writer.write_record(cells).expect("memory takes what is written");
     writer.into_inner().expect("memory takes what is written")
@@ -200,14 +214,14 @@ mod tests {
     #[test]
     fn cells_come_back_as_they_were_written() {
         let odd = ["plain", "with, comma", "with \"quotes\"", "two\nlines", ""];
-        let text = String::from_utf8(record(odd.into_iter())).expect("UTF-8");
-        assert_eq!(cells(&text), odd);
+        let text = String::from_utf8(encode_csv_record(odd.into_iter())).expect("UTF-8");
+        assert_eq!(parse_csv_record(&text), odd);
     }
 
     #[test]
     fn what_a_synthetic_sample_cannot_fill_is_null_in_the_same_keys() {
         let map = serde_json::from_str(r#"{"a":1,"b":{"c":[1],"d":"x","e":[2,3]}}"#).expect("JSON");
-        let nothing = serde_json::to_string(&emptied(&map, "", &|path| path == "b.e")).expect("JSON");
+        let nothing = serde_json::to_string(&clear_values(&map, "", &|path| path == "b.e")).expect("JSON");
         assert_eq!(nothing, r#"{"a":null,"b":{"c":null,"d":null,"e":[null,null]}}"#);
     }
 }

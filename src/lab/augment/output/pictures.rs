@@ -1,4 +1,4 @@
-//! Pictures that are made, as files of the format that their names say: tars keep the names of their files.
+//! Encodes derived pictures in the format that their names say: tars keep the names of their files.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -9,26 +9,26 @@ use image::{ExtendedColorType, ImageEncoder, ImageFormat, RgbImage};
 use gelsim_core::camera::Image;
 use gelsim_files::{image_file, png};
 
-/// Of a JPEG that is made: what it loses is less than noise of one grey level.
+/// Quality of JPEG: its losses are below noise of one grey level.
 const JPEG_QUALITY: u8 = 98;
 
-/// The format that the end of a name says; PNG of any other.
-fn format(name: &str) -> ImageFormat {
+/// Returns the format that the end of a name says; PNG if it says none.
+fn format_from_name(name: &str) -> ImageFormat {
     let name = format!("KEY.{name}").to_ascii_lowercase();
     ImageFormat::from_path(Path::new(&name)).unwrap_or(ImageFormat::Png)
 }
 
-/// True if a file's bytes are of the format that the end of its name says.
+/// Returns true if a file's bytes are in the format that the end of its name says.
 pub fn is_of_format(bytes: &[u8], name: &str) -> bool {
-    let endings = format(name).extensions_str();
-    image_file::ending(bytes).is_some_and(|ending| endings.contains(&ending))
+    let endings = format_from_name(name).extensions_str();
+    image_file::detect_extension(bytes).is_some_and(|ending| endings.contains(&ending))
 }
 
-/// The file of a picture whose name ends so.
+/// Encodes a picture in the format that the end of its name says.
 pub fn encode_as(name: &str, image: &Image) -> Result<Vec<u8>, String> {
     let (width, height) = (image.width as u32, image.height as u32);
     let mut bytes = Cursor::new(Vec::new());
-    let written = match format(name) {
+    let written = match format_from_name(name) {
         ImageFormat::Png => return Ok(png::encode_rgb(image.width, image.height, &image.rgb)),
         ImageFormat::Jpeg => JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY).write_image(
             &image.rgb,
@@ -64,7 +64,7 @@ mod tests {
             ("img", "png"),
         ] {
             let bytes = encode_as(name, &image).unwrap_or_else(|error| panic!("{name}: {error}"));
-            assert!(is_of_format(&bytes, name) && image_file::ending(&bytes) == Some(ending), "{name}");
+            assert!(is_of_format(&bytes, name) && image_file::detect_extension(&bytes) == Some(ending), "{name}");
             let read = image_file::decode_rgb(&bytes).unwrap_or_else(|error| panic!("{name}: {error}"));
             let errors = read.as_raw().iter().zip(&rgb).map(|(a, b)| a.abs_diff(*b));
             let most = errors.max().unwrap_or(0);

@@ -1,41 +1,46 @@
-//! Another background under the same press: image - own background + the other one.
+//! Swaps the background under a press: image - own background + other background.
 //!
-//! What a press changes in the light is added to the background image in display values, here as in the
-//! simulator; so what is left of the image without its background is that change, as bright as its own LEDs made it.
+//! As in the simulator, a press adds its change of light to the background image in display values. So the image
+//! without its background is that change, as bright as the sensor's own LEDs made it.
 
 use std::path::Path;
 
 use crate::photometric::SensorProfile;
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_files::image_file;
-use gelsim_files::input::{self, meant};
-use gelsim_job::plan::check::Check;
+use gelsim_files::input::{self, suggest_file_name};
+use gelsim_job::plan::check::JobChecker;
 
-/// What names the background that the sensor renders.
+/// Name that means the background which the sensor renders.
 const RENDERED: &str = "rendered";
 
 /// A background to swap in.
 #[derive(Clone, Debug)]
 pub struct BackgroundSwap {
-    /// As the table names it.
+    /// Name in the table.
     pub name: String,
-    /// Row-major RGB: this background minus the image's own.
+    /// This background minus the image's own, row-major RGB.
     difference: Vec<i16>,
 }
 
-/// Reads the pictures that the list at the dotted path `at` names; those that cannot be used are left out, and said.
-pub fn read(check: &mut Check<'_>, at: &str, names: &[String], profile: &SensorProfile) -> Vec<BackgroundSwap> {
+/// Reads the pictures that the list at the dotted path `at` names. Those that cannot be used are reported and left out.
+pub fn read_swaps(
+    check: &mut JobChecker<'_>,
+    at: &str,
+    names: &[String],
+    profile: &SensorProfile,
+) -> Vec<BackgroundSwap> {
     let Some(own) = &profile.background else { return Vec::new() };
     let [width, height] = profile.view.resolution_px;
     let mut swaps = Vec::new();
     for (i, name) in names.iter().enumerate() {
         if name == RENDERED {
-            swaps.push(BackgroundSwap::new(name, own, &profile.rendered().rgb));
+            swaps.push(BackgroundSwap::new(name, own, &profile.render_background().rgb));
             continue;
         }
         let key = format!("{at}.{i}");
-        let path = check.document.folder(&key).join(name);
-        let read = input::read(&path, input::MOST_IMAGE_BYTES).map_err(|error| error.to_string());
+        let path = check.document.folder_of(&key).join(name);
+        let read = input::read(&path, input::MAX_IMAGE_BYTES).map_err(|error| error.to_string());
         match read.and_then(|bytes| image_file::decode_rgb(&bytes)) {
             Ok(picture) if [picture.width() as usize, picture.height() as usize] == [width, height] => {
                 swaps.push(BackgroundSwap::new(name, own, &picture));
@@ -45,36 +50,38 @@ pub fn read(check: &mut Check<'_>, at: &str, names: &[String], profile: &SensorP
                 let message = format!("{} is {w}x{h} px, the images {width}x{height} px", path.display());
                 let help =
                     "name a picture that was taken as the images were, or bring it to their size as they were brought";
-                check.error(&key, message, help);
+                check.report_error(&key, message, help);
             }
             Err(reason) => {
                 let message = format!("cannot read the background {}: {reason}", path.display());
-                check.error(&key, message, picture_help(&path));
+                check.report_error(&key, message, picture_help(&path));
             }
         }
     }
     swaps
 }
 
-/// What to do about a picture of the untouched pad that could not be read.
+/// Returns what to do about a picture of the untouched pad that could not be read.
 pub fn picture_help(path: &Path) -> String {
-    let near = Some(path).filter(|path| !path.exists()).and_then(|path| meant(path, image_file::is_named_like_one));
+    let near = Some(path)
+        .filter(|path| !path.exists())
+        .and_then(|path| suggest_file_name(path, image_file::has_image_extension));
     let near = near.map(|near| format!("did you mean {}? ", path.with_file_name(near).display())).unwrap_or_default();
     format!(
         "{near}name a picture of the untouched pad ({}), or \"rendered\" for the one of a simulated sensor",
-        image_file::NAMES
+        image_file::FORMAT_NAMES
     )
 }
 
 impl BackgroundSwap {
-    /// From the images' own background and another one's RGB, of the same size.
+    /// Creates a swap from the images' own background and the RGB of another one of the same size.
     pub fn new(name: &str, own: &BackgroundImage, other: &[u8]) -> Self {
         let difference = other.iter().zip(&own.rgb).map(|(other, own)| i16::from(*other) - i16::from(*own));
         Self { name: name.to_owned(), difference: difference.collect() }
     }
 
-    /// An image's RGB as light, 1 = full scale, over this background. It may leave 0 .. 1.
-    pub fn light(&self, rgb: &[u8]) -> [Vec<f32>; 3] {
+    /// Returns an image as light over the other background, 1 = full scale. Values may leave 0 .. 1.
+    pub fn swap_background(&self, rgb: &[u8]) -> [Vec<f32>; 3] {
         let levels = |k: usize| {
             let pixels = rgb.iter().zip(&self.difference).skip(k).step_by(3);
             pixels.map(|(level, change)| f32::from(i16::from(*level) + change) * (1.0 / 255.0)).collect()

@@ -1,8 +1,9 @@
-//! `[[photometric]]`: a real image as other LEDs, another pad's coating or another camera would have shown it.
+//! `[[photometric]]`: shows a real image as other LEDs, the coating of another pad or another camera would have shown
+//! it.
 //!
-//! All of it acts on display values, as the simulator's own camera does, and by that camera's code: the picture of
-//! another pad takes the place of its own ([`background`]), then come lens, print, gains and noise ([`recipe`]).
-//! Nothing moves a pixel: a mirrored, turned or cropped image would have its light on the wrong side.
+//! Everything acts on display values, as the simulator's camera does, and uses that camera's code: another pad's
+//! picture replaces the image's own background ([`background`]), then come lens, print, gains and noise ([`recipe`]).
+//! No pixel is moved: a mirrored, rotated or cropped image would have its light on the wrong side.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,7 @@ use gelsim_core::simulator::Simulator;
 use gelsim_files::sensor::Sensor;
 use gelsim_files::sensor::markers::MarkerDistribution;
 use gelsim_files::sensor::quantity::Quantity;
-use gelsim_job::plan::check::Check;
+use gelsim_job::plan::check::JobChecker;
 use gelsim_job::plan::ranges;
 
 pub mod background;
@@ -79,30 +80,30 @@ impl Default for Photometric {
     }
 }
 
-/// The sensor that took the images of a set.
+/// Facts about the sensor that took the images of a set.
 #[derive(Clone, Debug)]
 pub struct SensorProfile {
-    /// Its values.
+    /// Values of the sensor.
     pub sensor: Sensor,
-    /// What the images show: their size, and the size of their pixels on the pad.
+    /// Resolution of the images, and size of their pixels on the pad.
     pub view: View,
-    /// The background image of the set, of the images' size.
+    /// Background image of the set, in the images' size.
     pub background: Option<BackgroundImage>,
-    /// Its noise, if it is known.
+    /// Noise, if it is known.
     pub noise: Option<NoiseLevel>,
 }
 
 impl SensorProfile {
-    /// The background image that the sensor would render.
-    pub fn rendered(&self) -> BackgroundImage {
-        // On a gel that has a shape the picture is that of the sensor's own camera, its defocus included.
-        let sensor = self.sensor.to_simulated(None, &self.sensor.camera.clone().unwrap_or_default());
-        rendered(sensor.with_resolution(self.view.resolution_px))
+    /// Renders the sensor's background image.
+    pub fn render_background(&self) -> BackgroundImage {
+        // On a gel that has a shape, the sensor's own camera takes the picture, including its defocus.
+        let sensor = self.sensor.to_simulator_sensor(None, &self.sensor.camera.clone().unwrap_or_default());
+        render_background(sensor.with_resolution(self.view.resolution_px))
     }
 }
 
-/// The image of a sensor's untouched gel; of one that has a shape as its camera sees it.
-pub fn rendered(sensor: simulated::Sensor) -> BackgroundImage {
+/// Renders the image of a sensor's untouched gel; if the gel has a shape, as its camera sees it.
+pub fn render_background(sensor: simulated::Sensor) -> BackgroundImage {
     if sensor.shape.is_none() {
         return BackgroundImage::clone(&sensor.background());
     }
@@ -111,43 +112,51 @@ pub fn rendered(sensor: simulated::Sensor) -> BackgroundImage {
 }
 
 impl Photometric {
-    /// Finds every mistake in the table at the dotted path `at` (`photometric.0`). `profile` is the sensor, as far as it
-    /// is known.
-    pub fn check(&self, check: &mut Check<'_>, at: &str, profile: Option<&SensorProfile>) {
+    /// Checks the table at the dotted path `at` (`photometric.0`). `profile` is the sensor, as far as it is known.
+    pub fn check(&self, check: &mut JobChecker<'_>, at: &str, profile: Option<&SensorProfile>) {
         let key = |name: &str| format!("{at}.{name}");
-        check.number(&key("copies"), f64::from(self.copies), 1.0..=1000.0, "images");
-        check.quantity(&key("led_gain"), &self.led_gain, 0.01..=100.0, "");
-        check.quantity(&key("white_balance"), &self.white_balance, 0.01..=100.0, "");
-        check.quantity(&key("exposure_ev"), &self.exposure_ev, -4.0..=4.0, "");
-        check.quantity(&key("noise_level"), &self.noise_level, 0.0..=20.0, "times the sensor's");
-        check.quantity(&key("blur_px"), &self.defocus_px, 0.0..=20.0, "px");
-        check.quantity(&key("vignette"), &self.vignette, 0.0..=1.0, "");
+        check.require_in_range(&key("copies"), f64::from(self.copies), 1.0..=1000.0, "images");
+        check.require_quantity_in_range(&key("led_gain"), &self.led_gain, 0.01..=100.0, "");
+        check.require_quantity_in_range(&key("white_balance"), &self.white_balance, 0.01..=100.0, "");
+        check.require_quantity_in_range(&key("exposure_ev"), &self.exposure_ev, -4.0..=4.0, "");
+        check.require_quantity_in_range(&key("noise_level"), &self.noise_level, 0.0..=20.0, "times the sensor's");
+        check.require_quantity_in_range(&key("blur_px"), &self.defocus_px, 0.0..=20.0, "px");
+        check.require_quantity_in_range(&key("vignette"), &self.vignette, 0.0..=1.0, "");
         if let Some(markers) = &self.markers {
             let view = profile.map(|profile| profile.sensor.field_of_view_mm);
-            ranges::markers(check, &key("markers"), markers, view);
+            ranges::check_markers(check, &key("markers"), markers, view);
         }
         let Some(profile) = profile else { return };
         if profile.sensor.shape.is_some() && self.markers.is_some() {
             let message = "print on a gel that has a shape is not simulated";
-            check.error(&key("markers"), message, "leave it out, or take a flat sensor");
+            check.report_error(&key("markers"), message, "leave it out, or take a flat sensor");
         }
         if profile.sensor.pins.is_some() && !self.background.is_empty() {
             let message = "in place of another background the pins that a press moved would be seen twice";
-            check.error(&key("background"), message, "leave it out; [mixing] makes new samples of a sensor with pins");
+            check.report_error(
+                &key("background"),
+                message,
+                "leave it out; [mixing] makes new samples of a sensor with pins",
+            );
         }
         if self.noise_level.support() != (0.0, 0.0) && profile.noise.is_none() {
             let help = "give [sensor.camera] read_noise_levels, or at least two images of one size to measure it from";
-            check.error(&key("noise_level"), "nothing is known of this sensor's noise", help);
+            check.report_error(&key("noise_level"), "nothing is known of this sensor's noise", help);
         }
         if !self.background.is_empty() && profile.background.is_none() && profile.sensor.pins.is_none() {
             let help = "name the set's background image: [input] background = \"...\"";
-            check.error(&key("background"), "the image's own background is not known", help);
+            check.report_error(&key("background"), "the image's own background is not known", help);
         }
     }
 
-    /// Makes the table at the dotted path `at` ready, with the pictures that it names. `None` after a mistake.
-    pub fn ready(&self, check: &mut Check<'_>, at: &str, profile: &SensorProfile) -> Option<PhotometricRecipe> {
-        let swaps = background::read(check, &format!("{at}.background"), &self.background, profile);
-        check.sound(at).then(|| PhotometricRecipe::new(self.clone(), profile, swaps))
+    /// Builds the recipe of the table at the dotted path `at`, with the pictures that it names. `None` after a mistake.
+    pub fn build_recipe(
+        &self,
+        check: &mut JobChecker<'_>,
+        at: &str,
+        profile: &SensorProfile,
+    ) -> Option<PhotometricRecipe> {
+        let swaps = background::read_swaps(check, &format!("{at}.background"), &self.background, profile);
+        check.is_valid(at).then(|| PhotometricRecipe::new(self.clone(), profile, swaps))
     }
 }

@@ -1,8 +1,8 @@
-//! A `[[photometric]]` table made ready, and what it makes of one image.
+//! A `[[photometric]]` table prepared for one sensor, and its application to an image.
 //!
 //! The real image is taken for the light that a sensor without lens errors sends to the simulated camera: that camera's
-//! defocus, vignette, markers, gains and noise come on top of what the real one did. What is neutral does not run;
-//! without any effect the image stays as it is, byte for byte.
+//! defocus, vignette, markers, gains and noise are added to those of the real one. Neutral effects do not run; without
+//! any effect the image is unchanged, byte for byte.
 
 use image::RgbImage;
 use serde::Serialize;
@@ -12,7 +12,7 @@ use super::noise::NoiseLevel;
 use super::{Photometric, SensorProfile};
 use gelsim_core::base::grid::Rect;
 use gelsim_core::base::light::Light;
-use gelsim_core::base::rng::stream;
+use gelsim_core::base::rng::random_stream;
 use gelsim_core::base::view::View;
 use gelsim_core::camera::markers::MarkerPattern;
 use gelsim_core::camera::{Camera, CameraParams, Image, defocus};
@@ -20,7 +20,7 @@ use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_files::sensor::quantity::Quantity;
 
-/// A table made ready for one sensor.
+/// A table prepared for one sensor.
 #[derive(Clone, Debug)]
 pub struct PhotometricRecipe {
     settings: Photometric,
@@ -29,65 +29,65 @@ pub struct PhotometricRecipe {
     swaps: Vec<BackgroundSwap>,
 }
 
-/// What was drawn for one image and done to it. What did not run has its neutral value.
+/// Values that were drawn for one image and applied. Effects that did not run have their neutral value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AppliedAugmentation {
-    /// The background that took the place of the image's own; empty if that stayed.
+    /// Background that replaced the image's own; empty if none did.
     pub background: String,
     /// Factors on the LEDs of red, green and blue.
     pub led_gains: [f64; 3],
     /// Factors on red and blue.
     pub white_balance: [f64; 2],
-    /// Display values were multiplied by 2 to this power.
+    /// Power of 2 by which display values were multiplied.
     pub exposure_ev: f64,
     /// Standard deviation of the defocus blur, px along x.
     #[serde(rename = "blur_px")]
     pub defocus_px: f64,
     /// Fraction of the light that was taken from the corners.
     pub vignette: f64,
-    /// Noise that was wanted, as a multiple of the sensor's.
+    /// Noise asked for, as a multiple of the sensor's.
     pub noise_level: f64,
     /// Standard deviation of the noise that was added to every pixel, grey levels.
     pub added_read_noise_levels: f64,
-    /// The same by counting light, of a white pixel.
+    /// Standard deviation of the shot noise that was added, of a white pixel, grey levels.
     pub added_shot_noise_levels: f64,
     /// Distance between markers, mm.
     pub marker_pitch_mm: f64,
-    /// Their diameter, mm; 0 without any.
+    /// Diameter of the markers, mm; 0 without any.
     pub marker_diameter_mm: f64,
     /// Largest offset of a marker from the grid, mm.
     pub marker_jitter_mm: f64,
-    /// Pixels of the real image with a channel at full scale: their light was lost before.
+    /// Pixels of the real image with a channel at full scale, whose light was lost before.
     pub saturated_before_px: u64,
-    /// Pixels with a channel at full scale now.
+    /// Pixels of the result with a channel at full scale.
     pub saturated_px: u64,
-    /// Pixels with a channel that came out below 0 or above full scale and was cut.
+    /// Pixels with a channel that was below 0 or above full scale and was clipped.
     pub clipped_px: u64,
 }
 
 impl PhotometricRecipe {
-    /// From a table without mistakes and the pictures that it names.
+    /// Creates the recipe from a table without mistakes and the pictures that it names.
     pub fn new(settings: Photometric, profile: &SensorProfile, swaps: Vec<BackgroundSwap>) -> Self {
         Self { settings, view: profile.view, noise: profile.noise.unwrap_or_default(), swaps }
     }
 
-    /// How many images are wanted of each real one.
-    pub fn copies(&self) -> u32 {
+    /// Number of copies of each real image.
+    pub fn copies_per_image(&self) -> u32 {
         self.settings.copies
     }
 
-    /// Augments an image of the view's size. All that is random is addressed by `seed` and `number`.
+    /// Augments an image of the view's size. Everything random depends on `seed` and `number` alone.
     pub fn apply(&self, image: &RgbImage, seed: u64, number: u64) -> (Image, AppliedAugmentation) {
         let draws = Draws { seed, number };
         let [width, height] = self.view.resolution_px;
         let real = BackgroundImage::new(width, height, image.as_raw().clone());
         let swap = (!self.swaps.is_empty()).then(|| {
-            let chosen = stream(seed, "augment background", number).below(self.swaps.len());
+            let chosen = random_stream(seed, "augment background", number).uniform_below(self.swaps.len());
             &self.swaps[chosen]
         });
         let region = Rect::whole(width, height);
         let light = match swap {
-            Some(swap) => Light { region, planes: swap.light(&real.rgb) },
+            Some(swap) => Light { region, planes: swap.swap_background(&real.rgb) },
             None => real.light(region),
         };
 
@@ -107,16 +107,16 @@ impl PhotometricRecipe {
         (shot.vignette, shot.gains) = (vignette, gains);
         shot.defocus_mm = defocus_px * self.view.mm_per_px[0];
         (shot.shot_noise_levels, shot.read_noise_levels) = (added.shot_levels, added.read_levels);
-        shot.noise_key = stream(seed, "augment noise", number).bits();
+        shot.noise_key = random_stream(seed, "augment noise", number).next_bits();
         let pattern = settings
             .markers
             .as_ref()
-            .and_then(|markers| markers.sample(|name, distribution| draws.sample_markers(name, distribution)));
+            .and_then(|markers| markers.sample_pattern(|name, distribution| draws.sample_markers(name, distribution)));
         let positions = settings
             .markers
             .as_ref()
             .zip(pattern)
-            .map(|(markers, pattern)| markers.print().at_rest(&pattern, &self.view));
+            .map(|(markers, pattern)| markers.to_marker_print().at_rest(&pattern, &self.view));
 
         let body = Camera::new(&self.view, light, false, CameraParams::default(), None);
         let image = body.expose(
@@ -148,16 +148,17 @@ impl PhotometricRecipe {
         (image, applied)
     }
 
-    /// Noise to be added: the image's own, taken to be the sensor's, was blurred and multiplied before.
+    /// Returns the noise to add. The image's own, taken to be the sensor's, is reduced by the blur and scaled by the
+    /// gains.
     fn missing_noise(&self, wanted: f64, defocus_px: f64, gains: [f64; 3]) -> NoiseLevel {
         let [across, down] = self.view.mm_per_px;
-        let kept = defocus::noise_kept([defocus_px, defocus_px * across / down]);
+        let kept = defocus::remaining_noise_variance([defocus_px, defocus_px * across / down]);
         let gain2 = gains.iter().map(|gain| gain * gain).sum::<f64>() / 3.0;
-        self.noise.missing(wanted, libm::sqrt(kept * gain2))
+        self.noise.noise_to_add(wanted, libm::sqrt(kept * gain2))
     }
 }
 
-/// The random numbers of one image.
+/// Random numbers of one image.
 struct Draws {
     seed: u64,
     number: u64,
@@ -165,18 +166,18 @@ struct Draws {
 
 impl Draws {
     fn sample(&self, name: &str, distribution: &Quantity) -> f64 {
-        distribution.sample(&mut stream(self.seed, name, self.number))
+        distribution.sample(&mut random_stream(self.seed, name, self.number))
     }
 
-    /// Several values of one distribution, each by itself.
+    /// Draws several independent values of one distribution.
     fn sample_each<const N: usize>(&self, name: &str, distribution: &Quantity) -> [f64; N] {
-        let mut stream = stream(self.seed, name, self.number);
+        let mut stream = random_stream(self.seed, name, self.number);
         std::array::from_fn(|_| distribution.sample(&mut stream))
     }
 
-    /// The print of one image, apart from those of a job with the same seed.
+    /// Draws a value of an image's print, independent of those of a job with the same seed.
     fn sample_markers(&self, name: &str, distribution: &Quantity) -> f64 {
-        let seed = stream(self.seed, "augment markers", self.number).bits();
-        distribution.sample(&mut stream(seed, name, self.number))
+        let seed = random_stream(self.seed, "augment markers", self.number).next_bits();
+        distribution.sample(&mut random_stream(seed, name, self.number))
     }
 }

@@ -13,7 +13,7 @@ use gelsim_core::optics::background::BackgroundImage;
 use gelsim_files::diagnostic::{Diagnostics, Report};
 use gelsim_files::sensor::Sensor;
 use gelsim_job::config::document::Document;
-use gelsim_job::plan::check::Check;
+use gelsim_job::plan::check::JobChecker;
 
 const SIZE: [u32; 2] = [48, 36];
 
@@ -157,7 +157,7 @@ fn markers_take_the_light_where_they_are_printed_and_as_much_as_their_area_says(
     // A dot of 4 px is printed on the corner between the four middle pixels, others 12 px apart.
     assert_eq!((at(24, 18), at(12, 6), at(18, 12)), (&[0, 100, 200][..], &[0, 100, 200][..], &[200; 3][..]));
     let lost: f64 = out.iter().step_by(3).map(|red| 1.0 - f64::from(*red) / 200.0).sum();
-    // Three by three whole ones, none cut by the border but those on it: count what a dot has.
+    // Ink of the middle dot. Nine dots are complete, and those on the border add parts.
     let one: f64 = (14..22).flat_map(|y| (20..28).map(move |x| 1.0 - f64::from(at(x, y)[0]) / 200.0)).sum();
     assert!((one - std::f64::consts::PI * 4.0).abs() < 0.15, "{one}");
     assert!(lost > 9.0 * one - 0.5, "{lost} {one}");
@@ -173,7 +173,11 @@ fn noisy(levels: f64, number: u32) -> RgbImage {
         *value += 0.2 * (-(x * x + y * y) / 300.0).exp() as f32;
     }
     let read = (levels / 255.0) as f32;
-    Noise { read, shot: 0.0, color: [1.0; 3], correlation: 0.0, key: u64::from(number) }.add(width, &mut planes, None);
+    Noise { read, shot: 0.0, color: [1.0; 3], correlation: 0.0, key: u64::from(number) }.add_to_planes(
+        width,
+        &mut planes,
+        None,
+    );
     RgbImage::from_fn(width as u32, height as u32, |x, y| {
         let at = y as usize * width + x as usize;
         Rgb(std::array::from_fn(|k| quantise(planes[k][at])))
@@ -248,7 +252,7 @@ fn what_is_drawn_depends_on_seed_and_number_only_and_differs_between_them() {
     assert!(["a", "b"].iter().all(|name| backgrounds.iter().any(|found| found == name)), "{backgrounds:?}");
 }
 
-/// What is said about a file whose tables these are.
+/// Returns the report on a file with these tables.
 fn report(text: &str, profile: &SensorProfile) -> String {
     #[derive(serde::Deserialize)]
     struct File {
@@ -257,12 +261,12 @@ fn report(text: &str, profile: &SensorProfile) -> String {
     let mut problems = Diagnostics::default();
     let document = Document::parse("augment.toml", text.to_owned(), Path::new(""), &mut problems);
     let file: File = toml::from_str(text).expect("tables");
-    let mut check = Check { document: &document, problems: &mut problems };
+    let mut check = JobChecker { document: &document, problems: &mut problems };
     for (i, table) in file.photometric.iter().enumerate() {
         let at = format!("photometric.{i}");
         table.check(&mut check, &at, Some(profile));
-        let ready = table.ready(&mut check, &at, profile);
-        assert_eq!(ready.is_none(), !check.sound(&at), "{at}");
+        let ready = table.build_recipe(&mut check, &at, profile);
+        assert_eq!(ready.is_none(), !check.is_valid(&at), "{at}");
     }
     Report::new(&problems, &document.sources).to_string()
 }

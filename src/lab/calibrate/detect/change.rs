@@ -1,5 +1,5 @@
-//! What a press changed in the picture of the pad: image minus background image, less the drift of the camera between
-//! the two, as means of square blocks of pixels.
+//! What a press changes in the picture of the pad: image minus background image, less the camera's drift between the
+//! two, as means over square blocks of pixels.
 
 use image::RgbImage;
 
@@ -7,20 +7,20 @@ use crate::metrics::statistics::median;
 use crate::presses::Circle;
 use gelsim_core::base::grid::Grid;
 
-/// Blocks along the longer side of the coarse grid.
-const COARSE: usize = 80;
+/// Number of blocks along the longer side of the coarse grid.
+const COARSE_BLOCKS: usize = 80;
 
 /// Change of each channel, grey levels, on a grid of blocks.
-pub struct Change {
-    /// Pixels in the side of a block.
+pub struct BlockChange {
+    /// Side of a block, px.
     pub block_px: usize,
-    /// Red, green and blue at each block.
+    /// Change of red, green and blue in each block.
     pub levels: Grid<[f32; 3]>,
-    /// What was taken off.
+    /// Drift that was removed.
     pub drift: Drift,
 }
 
-/// What differs everywhere, per channel: an offset, and a gain on the background's level.
+/// Difference that is everywhere, per channel: an offset, and a gain on the background's level.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Drift {
     offset: [f64; 3],
@@ -28,24 +28,24 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// Found on blocks large enough to average noise. A line is fitted to the half of the picture that it fits best
-    /// (least trimmed squares, Rousseeuw 1984): the press is in the other half.
-    pub fn between(image: &RgbImage, background: &RgbImage, block_px: usize) -> Self {
-        let (image, background) = (means(image, block_px), means(background, block_px));
+    /// Estimates the drift on blocks large enough to average noise. A line is fitted to the half of the picture that it
+    /// fits best (least trimmed squares, Rousseeuw 1984): the press is in the other half.
+    pub fn estimate(image: &RgbImage, background: &RgbImage, block_px: usize) -> Self {
+        let (image, background) = (block_means(image, block_px), block_means(background, block_px));
         let mut drift = Self::default();
         for channel in 0..3 {
             let points = image.data.iter().zip(&background.data);
             let points: Vec<(f64, f64)> =
                 points.map(|(a, b)| (f64::from(b[channel]), f64::from(a[channel] - b[channel]))).collect();
-            (drift.offset[channel], drift.gain[channel]) = trimmed_line(points);
+            (drift.offset[channel], drift.gain[channel]) = fit_trimmed_line(points);
         }
         drift
     }
 }
 
-/// Offset and slope of the line through the best half of `points`. The slope is drawn to 0, so that a background of one
-/// colour has none.
-fn trimmed_line(mut points: Vec<(f64, f64)>) -> (f64, f64) {
+/// Returns offset and slope of the line through the best half of `points`. The slope is drawn towards 0, so that a
+/// background of a single colour has none.
+fn fit_trimmed_line(mut points: Vec<(f64, f64)>) -> (f64, f64) {
     let values: Vec<f64> = points.iter().map(|point| point.1).collect();
     let (mut offset, mut slope) = (median(&values).unwrap_or(0.0), 0.0);
     let half = points.len().div_ceil(2);
@@ -66,16 +66,16 @@ fn trimmed_line(mut points: Vec<(f64, f64)>) -> (f64, f64) {
     (offset, slope)
 }
 
-impl Change {
-    /// On blocks of which 80 make the longer side, from an image and the background image of the same size.
-    pub fn coarse(image: &RgbImage, background: &RgbImage) -> Self {
-        let block_px = block_px(image);
-        Self::new(image, background, Drift::between(image, background, block_px), block_px)
+impl BlockChange {
+    /// Computes the change on coarse blocks, from an image and the background image of the same size.
+    pub fn on_coarse_blocks(image: &RgbImage, background: &RgbImage) -> Self {
+        let block_px = coarse_block_px(image);
+        Self::new(image, background, Drift::estimate(image, background, block_px), block_px)
     }
 
-    /// The same on blocks of `block_px`, with known drift.
+    /// Computes the change on blocks of `block_px`, with a known drift.
     pub fn new(image: &RgbImage, background: &RgbImage, drift: Drift, block_px: usize) -> Self {
-        let (mut levels, rest) = (means(image, block_px), means(background, block_px));
+        let (mut levels, rest) = (block_means(image, block_px), block_means(background, block_px));
         for (level, rest) in levels.data.iter_mut().zip(&rest.data) {
             for channel in 0..3 {
                 let drifted = drift.offset[channel] + (1.0 + drift.gain[channel]) * f64::from(rest[channel]);
@@ -85,23 +85,23 @@ impl Change {
         Self { block_px, levels, drift }
     }
 
-    /// Size of a typical change where there is no press: the median over the blocks, grey levels; at
-    /// least that of a picture without noise, 0.25.
-    pub fn usual(&self) -> f64 {
-        let sizes: Vec<f64> = self.levels.data.iter().map(|level| energy(*level).sqrt()).collect();
+    /// Typical size of the change where nothing was pressed: the median over the blocks, grey levels; at least 0.25, as
+    /// in a picture without noise.
+    pub fn typical_size(&self) -> f64 {
+        let sizes: Vec<f64> = self.levels.data.iter().map(|level| change_energy(*level).sqrt()).collect();
         median(&sizes).unwrap_or(0.0).max(0.25)
     }
 
-    /// The change under a smooth kernel of about one block.
-    pub fn smoothed(mut self) -> Self {
+    /// Smooths the change with a kernel of about one block.
+    pub fn smooth(mut self) -> Self {
         for _ in 0..2 {
-            self.levels = turned(&averaged(&turned(&averaged(&self.levels))));
+            self.levels = transpose(&average_along_rows(&transpose(&average_along_rows(&self.levels))));
         }
         self
     }
 
-    /// The change at column `x`, row `y` in blocks, bilinear; None beyond the centres of the outer blocks.
-    pub fn sample(&self, x: f64, y: f64) -> Option<[f32; 3]> {
+    /// Interpolates the change at column `x`, row `y` in blocks; None outside the centres of the outermost blocks.
+    pub fn sample_at(&self, x: f64, y: f64) -> Option<[f32; 3]> {
         let Grid { width, height, .. } = self.levels;
         if !(x >= 0.0 && y >= 0.0 && x <= width as f64 - 1.0 && y <= height as f64 - 1.0) {
             return None;
@@ -113,31 +113,31 @@ impl Change {
         Some(std::array::from_fn(|k| (a[k] * (1.0 - u) + b[k] * u) * (1.0 - v) + (c[k] * (1.0 - u) + d[k] * u) * v))
     }
 
-    /// A circle of the image on this grid.
+    /// Converts a circle of the image to this grid.
     pub fn to_blocks(&self, circle: Circle) -> Circle {
         let block = self.block_px as f64;
         Circle { centre_px: circle.centre_px.map(|at| (at + 0.5) / block - 0.5), radius_px: circle.radius_px / block }
     }
 
-    /// A circle of this grid on the image.
+    /// Converts a circle of this grid to the image.
     pub fn to_pixels(&self, circle: Circle) -> Circle {
         let block = self.block_px as f64;
         Circle { centre_px: circle.centre_px.map(|at| (at + 0.5) * block - 0.5), radius_px: circle.radius_px * block }
     }
 }
 
-/// Squared size of a change.
-pub fn energy(level: [f32; 3]) -> f64 {
+/// Squared size of a change, summed over channels.
+pub fn change_energy(level: [f32; 3]) -> f64 {
     level.iter().map(|level| f64::from(*level) * f64::from(*level)).sum()
 }
 
-/// Pixels in the side of a block of which 80 make the longer side of an image.
-pub fn block_px(image: &RgbImage) -> usize {
-    (image.width().max(image.height()) as usize).div_ceil(COARSE).max(1)
+/// Side of the blocks of which 80 make the longer side of an image, px.
+pub fn coarse_block_px(image: &RgbImage) -> usize {
+    (image.width().max(image.height()) as usize).div_ceil(COARSE_BLOCKS).max(1)
 }
 
-/// Means of blocks of `block_px` squared; those at the right and lower border may be of fewer pixels.
-pub fn means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
+/// Means over square blocks of side `block_px`; those at the right and lower border may have fewer pixels.
+pub fn block_means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let mut means = Grid::<[f32; 3]>::new(width.div_ceil(block_px), height.div_ceil(block_px));
     let row_bytes = 3 * width;
@@ -160,8 +160,8 @@ pub fn means(image: &RgbImage, block_px: usize) -> Grid<[f32; 3]> {
     means
 }
 
-/// Each value averaged with its neighbours in the row, weights 1 : 2 : 1.
-fn averaged(grid: &Grid<[f32; 3]>) -> Grid<[f32; 3]> {
+/// Averages each value with its neighbours in the row, with weights 1 : 2 : 1.
+fn average_along_rows(grid: &Grid<[f32; 3]>) -> Grid<[f32; 3]> {
     let mut out = Grid::new(grid.width, grid.height);
     for y in 0..grid.height {
         let row = grid.row(y);
@@ -173,8 +173,8 @@ fn averaged(grid: &Grid<[f32; 3]>) -> Grid<[f32; 3]> {
     out
 }
 
-/// Columns as rows.
-fn turned(grid: &Grid<[f32; 3]>) -> Grid<[f32; 3]> {
+/// Exchanges rows and columns.
+fn transpose(grid: &Grid<[f32; 3]>) -> Grid<[f32; 3]> {
     let mut out = Grid::new(grid.height, grid.width);
     for y in 0..grid.height {
         for (x, value) in grid.row(y).iter().enumerate() {
@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn blocks_are_means_also_at_the_border() {
         let image = RgbImage::from_fn(5, 3, |x, y| Rgb([(10 * x + y) as u8, 7, 255]));
-        let means = means(&image, 2);
+        let means = block_means(&image, 2);
         assert_eq!((means.width, means.height), (3, 2));
         assert_eq!(means.at(0, 0), [5.5, 7.0, 255.0]);
         assert_eq!(means.at(2, 0), [40.5, 7.0, 255.0]);
@@ -208,7 +208,7 @@ mod tests {
             let pressed = if x < 30 { 50 } else { 0 };
             Rgb([(f64::from(red) * 1.1 - 3.0).round() as u8 + pressed, green + 4, blue - 6])
         });
-        let change = Change::new(&image, &background, Drift::between(&image, &background, 3), 3);
+        let change = BlockChange::new(&image, &background, Drift::estimate(&image, &background, 3), 3);
         for y in 0..20 {
             for x in 0..30 {
                 let expected = if x < 10 { 50.0 } else { 0.0 };
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn circles_go_to_blocks_and_back() {
-        let change = Change { block_px: 4, levels: Grid::new(1, 1), drift: Drift::default() };
+        let change = BlockChange { block_px: 4, levels: Grid::new(1, 1), drift: Drift::default() };
         let circle = Circle { centre_px: [1.5, 5.5], radius_px: 8.0 };
         assert_eq!(change.to_blocks(circle), Circle { centre_px: [0.0, 1.0], radius_px: 2.0 });
         assert_eq!(change.to_pixels(change.to_blocks(circle)), circle);

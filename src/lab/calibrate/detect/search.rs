@@ -1,31 +1,31 @@
-//! A first guess: the disc in which the change is most like a slope, red, green and blue each in a direction of its
-//! own. Sums along rows make each disc cost its height.
+//! A first guess for the disc: the one in which the change is most like a slope, with a direction for each of red,
+//! green and blue. Sums along rows make the cost of a disc proportional to its height.
 
-use super::change::Change;
+use super::change::BlockChange;
 use crate::presses::Circle;
 use gelsim_core::base::grid::Grid;
 
-/// Radii that are tried, in blocks.
+/// Radii to try, in blocks.
 const RADII: [f64; 9] = [2.5, 3.5, 5.0, 7.0, 9.5, 13.0, 17.0, 22.0, 28.0];
 
-/// The best disc of each radius, best first, in blocks. Empty where the picture is too small for a disc.
-pub(super) fn discs(change: &Change) -> Vec<Circle> {
-    let sums = Sums::new(&change.levels);
+/// Returns the best disc of each radius, in blocks, the best first. Empty if the picture is too small for a disc.
+pub(super) fn search_discs(change: &BlockChange) -> Vec<Circle> {
+    let sums = RowSums::new(&change.levels);
     let smaller = change.levels.width.min(change.levels.height) as f64;
     let radii = RADII.iter().filter(|radius| **radius < 0.6 * smaller);
-    let mut best: Vec<(f64, Circle)> = radii.filter_map(|radius| sums.best(*radius)).collect();
+    let mut best: Vec<(f64, Circle)> = radii.filter_map(|radius| sums.find_best_disc(*radius)).collect();
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.into_iter().map(|(_, circle)| circle).collect()
 }
 
-/// For each row the sums, up to each column x, of the change and of x times the change.
-struct Sums {
+/// Sums along each row, up to each column x, of the change and of x times the change.
+struct RowSums {
     size: [usize; 2],
     plain: Grid<[f64; 3]>,
     sloped: Grid<[f64; 3]>,
 }
 
-impl Sums {
+impl RowSums {
     fn new(levels: &Grid<[f32; 3]>) -> Self {
         let size = [levels.width, levels.height];
         let mut sums = Self { size, plain: Grid::new(size[0] + 1, size[1]), sloped: Grid::new(size[0] + 1, size[1]) };
@@ -41,19 +41,19 @@ impl Sums {
         sums
     }
 
-    /// The disc of this radius with the steepest change.
-    fn best(&self, radius: f64) -> Option<(f64, Circle)> {
+    /// Finds the disc of this radius with the steepest change.
+    fn find_best_disc(&self, radius: f64) -> Option<(f64, Circle)> {
         let stride = ((radius / 4.0) as usize).max(1);
         let centres = (0..self.size[1])
             .step_by(stride)
             .flat_map(|y| (0..self.size[0]).step_by(stride).map(move |x| [x as f64, y as f64]));
         centres
-            .map(|centre_px| (self.slope(centre_px, radius), Circle { centre_px, radius_px: radius }))
+            .map(|centre_px| (self.slope_energy(centre_px, radius), Circle { centre_px, radius_px: radius }))
             .max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
-    /// What a plane explains of the change in the disc beyond its mean, grey levels squared.
-    fn slope(&self, centre: [f64; 2], radius: f64) -> f64 {
+    /// Energy that a plane explains of the change in the disc besides its mean, grey levels squared.
+    fn slope_energy(&self, centre: [f64; 2], radius: f64) -> f64 {
         let [width, height] = self.size.map(|size| size as f64);
         let (mut n, mut u, mut v, mut uu, mut uv, mut vv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let (mut mean, mut along_u, mut along_v) = ([0.0; 3], [0.0; 3], [0.0; 3]);
@@ -83,6 +83,7 @@ impl Sums {
         }
         let (uu, uv, vv) = (uu - u * u / n, uv - u * v / n, vv - v * v / n);
         let determinant = uu * vv - uv * uv;
+        // A sliver of a disc at the border has no slope in one direction.
         if n < 6.0 || determinant <= 1e-9 * uu * vv {
             return 0.0;
         }
@@ -132,9 +133,9 @@ mod tests {
         for (i, level) in levels.data.iter_mut().enumerate() {
             *level = [(i * 7 % 13) as f32, (i * 5 % 11) as f32 - 4.0, (i * i % 17) as f32];
         }
-        let sums = Sums::new(&levels);
+        let sums = RowSums::new(&levels);
         for (centre, radius) in [([10.0, 8.0], 5.0), ([0.0, 3.0], 6.5), ([22.0, 16.0], 4.0), ([11.0, 0.0], 2.5)] {
-            let (quick, plain) = (sums.slope(centre, radius), plain_slope(&levels, centre, radius));
+            let (quick, plain) = (sums.slope_energy(centre, radius), plain_slope(&levels, centre, radius));
             assert!((quick - plain).abs() < 1e-9 * plain, "{quick} instead of {plain}");
         }
     }

@@ -1,78 +1,80 @@
-//! The background image against the presses: away from their discs both show the untouched pad.
+//! Checks the background image against the presses: away from their discs both show the untouched pad.
 //!
-//! What the pad looks like there, the presses say together: the median of those whose disc is away, on blocks of pixels. Then
-//! the background may have its channels in another order, be mirrored or turned, be darker or brighter, show another pad, or
-//! a press of its own.
+//! The presses together tell what the untouched pad looks like: the median of those whose disc is elsewhere, on blocks
+//! of pixels. Compared with it, the background image may have its channels in another order, be mirrored or rotated, be
+//! darker or brighter, show another pad, or show a press of its own.
 
 use image::{RgbImage, imageops};
 use rayon::prelude::*;
 
-use super::super::detect::change::{Change, block_px, energy, means};
+use super::super::detect::change::{BlockChange, block_means, change_energy, coarse_block_px};
 use super::super::{PrintedDots, Session};
 use crate::metrics::statistics::median;
 use gelsim_core::base::grid::Grid;
 use gelsim_files::diagnostic::Diagnostic;
 
-/// How far from a disc the pad counts as untouched, in radii.
+/// Distance from a disc's centre from which on the pad counts as untouched, in radii.
 const REACH: f64 = 2.2;
-/// Presses whose disc must be away from a place for it to be known.
-const WITNESSES: usize = 3;
-/// Fraction of the view that must be known.
-const KNOWN: f64 = 0.05;
+/// Fewest presses whose disc must be elsewhere for a place to be known.
+const MIN_PRESSES: usize = 3;
+/// Smallest fraction of the view that must be known.
+const MIN_KNOWN_SHARE: f64 = 0.05;
 /// Levels of a block that is neither black nor white.
-const USABLE: std::ops::Range<f32> = 3.0..250.0;
-/// Another order or direction must leave less than this of what the image's own leaves, which must be at least so many levels.
-/// Measured: 0.44 and less where it was changed, 0.74 and more on images of other pads.
+const USABLE_LEVELS: std::ops::Range<f32> = 3.0..250.0;
+/// Another order or direction must leave less than this fraction of the difference of the image's own, which must be at
+/// least [`MIN_LEVELS`]. Measured: 0.44 and less where it was changed, 0.74 and more on images of other pads.
 const REARRANGED: f64 = 0.55;
-const LEAST_LEVELS: f64 = 2.0;
-/// A factor on the brightness that is no drift; real sessions have up to 0.05. It must explain so much of the difference.
-const LEAST_FACTOR: f64 = 0.08;
+const MIN_LEVELS: f64 = 2.0;
+/// Smallest change of brightness that is not drift (real sessions have up to 0.05); correcting it must leave less than
+/// the second fraction of the difference.
+const MIN_FACTOR: f64 = 0.08;
 const FACTOR_LEAVES: f64 = 0.5;
-/// What is left of the difference over what the presses change: from here on it may be another pad's, or is. Measured: 0.10 and
-/// less, and 0.30 where the camera changes its exposure by itself; 0.35 to 3 with photographs of other pads.
+/// Remaining difference over what the presses change from which on the background may be another pad's, and is.
+/// Measured: 0.10 and less, and 0.30 where the camera changes its exposure by itself; 0.35 to 3 with photographs of
+/// other pads.
 const DOUBTFUL: f64 = 0.25;
 const OTHER_PAD: f64 = 0.4;
-/// Fraction of what a press changes that all presses have in common where none of them is. Measured: 0.01 and less on
+/// Largest fraction of a press's change that all presses share where none of them is. Measured: 0.01 and less on
 /// untouched pads, 0.05 and more with one of the presses as background.
 const IN_COMMON: f64 = 0.03;
-/// Fraction of the discs that is white in the background.
-const MOST_WHITE: f64 = 0.9;
+/// Largest fraction of the discs that may be white in the background.
+const MAX_WHITE: f64 = 0.9;
 
-/// Direction of an image.
+/// Orientation of an image relative to the presses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// As it is.
+    /// Unchanged.
     None,
-    /// Left and right exchanged.
+    /// Mirrored: left and right exchanged.
     LeftRight,
-    /// Top and bottom exchanged.
+    /// Mirrored: top and bottom exchanged.
     UpDown,
-    /// By 180 degrees.
+    /// Rotated by 180 degrees.
     Half,
 }
 
-/// What would have to be done to the background image so that it agrees with the presses.
+/// Changes that make the background image agree with the presses, in the order of the fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Match {
-    /// First it is turned.
+pub struct BackgroundCorrection {
+    /// Rotation or mirroring.
     pub turn: Turn,
-    /// Then its channels are taken in this order.
+    /// Order in which its channels are taken.
     pub order: [usize; 3],
-    /// Then they are multiplied by these.
+    /// Factors on the channels.
     pub factors: [f64; 3],
 }
 
-impl Match {
+impl BackgroundCorrection {
     const NOTHING: Self = Self { turn: Turn::None, order: [0, 1, 2], factors: [1.0; 3] };
 
-    /// True if there is nothing to do.
+    /// Returns true if nothing has to change.
     pub fn is_nothing(&self) -> bool {
         *self == Self::NOTHING
     }
 
-    /// The image after that.
+    /// Applies the changes to an image.
     pub fn apply(&self, background: &RgbImage) -> RgbImage {
-        let mut image = turned(background, self.turn);
+        let mut image = turn_image(background, self.turn);
         for pixel in image.pixels_mut() {
             let own = pixel.0;
             pixel.0 = std::array::from_fn(|k| {
@@ -82,14 +84,14 @@ impl Match {
         image
     }
 
-    /// What was done, in a sentence.
-    pub fn text(&self) -> String {
+    /// Describes the changes in a sentence.
+    pub fn to_sentence(&self) -> String {
         let mut done = Vec::new();
         if self.turn != Turn::None {
-            done.push(format!("is {}", self.turn.text()));
+            done.push(format!("is {}", self.turn.describe_turn()));
         }
         if self.order != Self::NOTHING.order {
-            done.push(format!("has its channels in the order {}", self.order_text()));
+            done.push(format!("has its channels in the order {}", self.describe_order()));
         }
         if self.factors != Self::NOTHING.factors {
             let [red, green, blue] = self.factors;
@@ -102,7 +104,7 @@ impl Match {
         }
     }
 
-    fn order_text(&self) -> String {
+    fn describe_order(&self) -> String {
         self.order.map(|k| ["red", "green", "blue"][k]).join(", ")
     }
 }
@@ -110,7 +112,7 @@ impl Match {
 impl Turn {
     const ALL: [Self; 4] = [Self::None, Self::LeftRight, Self::UpDown, Self::Half];
 
-    fn text(self) -> &'static str {
+    fn describe_turn(self) -> &'static str {
         match self {
             Self::None => "as it is",
             Self::LeftRight => "mirrored left to right",
@@ -120,7 +122,7 @@ impl Turn {
     }
 }
 
-fn turned(image: &RgbImage, turn: Turn) -> RgbImage {
+fn turn_image(image: &RgbImage, turn: Turn) -> RgbImage {
     match turn {
         Turn::None => image.clone(),
         Turn::LeftRight => imageops::flip_horizontal(image),
@@ -129,50 +131,53 @@ fn turned(image: &RgbImage, turn: Turn) -> RgbImage {
     }
 }
 
-/// What background and presses say of each other.
+/// Comparison of the background with the presses.
 #[derive(Clone, Debug)]
-pub struct Comparison {
-    /// What would make them agree.
-    pub found: Match,
-    /// Mean absolute difference on the untouched pad as it is, grey levels.
+pub struct BackgroundComparison {
+    /// Changes that would make them agree.
+    pub found: BackgroundCorrection,
+    /// Mean absolute difference on the untouched pad without changes, grey levels.
     pub as_it_is: f64,
-    /// The same after [`Self::found`].
+    /// Mean absolute difference after the changes of [`Self::found`], grey levels.
     pub left: f64,
-    /// The same after the order and direction of [`Self::found`] over that of the image's own, both with a factor.
+    /// Ratio of the differences with the best order and direction and with the image's own, both after a common factor.
     pub rearranged: f64,
     /// Factors on the channels, in the order and direction of [`Self::found`].
     pub factors: [f64; 3],
-    /// What the presses change in their discs, grey levels.
+    /// Mean absolute change by the presses in their discs, grey levels.
     pub change: f64,
-    /// Fraction of what a press changes that all presses have in common where none of them is, after [`Self::found`].
+    /// Fraction of a press's change that all presses share where none of them is, after the changes of [`Self::found`].
     pub in_common: f64,
-    /// Where they have most of it, px.
+    /// Place where they share most, px.
     pub common_px: [f64; 2],
 }
 
-/// Orders of three channels, their own first.
-const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [2, 1, 0], [1, 0, 2], [0, 2, 1], [1, 2, 0], [2, 0, 1]];
+/// Orders of three channels, the image's own first.
+const CHANNEL_ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [2, 1, 0], [1, 0, 2], [0, 2, 1], [1, 2, 0], [2, 0, 1]];
 
-/// Compares them; `None` where too little of the pad is away from the discs.
-pub fn compare(session: &Session) -> Option<Comparison> {
-    let seen = Seen::of(session)?;
-    let turns = Turn::ALL.map(|turn| means(&turned(&session.background, turn), seen.block_px));
-    let tried = Turn::ALL.into_iter().zip(&turns).flat_map(|(turn, blocks)| ORDERS.map(|order| (turn, order, blocks)));
-    let tried: Vec<_> =
-        tried.map(|(turn, order, blocks)| (seen.with_one_factor(blocks, order), turn, order, blocks)).collect();
+/// Compares background and presses; `None` if too little of the pad is away from the discs.
+pub fn compare_background(session: &Session) -> Option<BackgroundComparison> {
+    let seen = UntouchedPad::from_session(session)?;
+    let turns = Turn::ALL.map(|turn| block_means(&turn_image(&session.background, turn), seen.block_px));
+    let tried =
+        Turn::ALL.into_iter().zip(&turns).flat_map(|(turn, blocks)| CHANNEL_ORDERS.map(|order| (turn, order, blocks)));
+    let tried: Vec<_> = tried
+        .map(|(turn, order, blocks)| (seen.difference_with_one_factor(blocks, order), turn, order, blocks))
+        .collect();
     let (own, ..) = tried[0];
     let (least, turn, order, blocks) = *tried.iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let is_other = least < REARRANGED * own && own >= LEAST_LEVELS;
-    let (turn, order, blocks) = if is_other { (turn, order, blocks) } else { (Turn::None, ORDERS[0], &turns[0]) };
-    let factors = seen.factors(blocks, order);
-    let plain = seen.left(blocks, order, [1.0; 3]);
-    let scaled = seen.left(blocks, order, factors);
-    let is_scaled = factors.iter().any(|factor| (factor - 1.0).abs() > LEAST_FACTOR) && scaled < FACTOR_LEAVES * plain;
-    let found = Match { turn, order, factors: if is_scaled { factors } else { [1.0; 3] } };
-    let (in_common, common_px) = in_common(session, &found.apply(&session.background));
-    Some(Comparison {
+    let is_other = least < REARRANGED * own && own >= MIN_LEVELS;
+    let (turn, order, blocks) =
+        if is_other { (turn, order, blocks) } else { (Turn::None, CHANNEL_ORDERS[0], &turns[0]) };
+    let factors = seen.fit_factors(blocks, order);
+    let plain = seen.remaining_difference(blocks, order, [1.0; 3]);
+    let scaled = seen.remaining_difference(blocks, order, factors);
+    let is_scaled = factors.iter().any(|factor| (factor - 1.0).abs() > MIN_FACTOR) && scaled < FACTOR_LEAVES * plain;
+    let found = BackgroundCorrection { turn, order, factors: if is_scaled { factors } else { [1.0; 3] } };
+    let (in_common, common_px) = measure_common_change(session, &found.apply(&session.background));
+    Some(BackgroundComparison {
         found,
-        as_it_is: seen.left(&turns[0], ORDERS[0], [1.0; 3]),
+        as_it_is: seen.remaining_difference(&turns[0], CHANNEL_ORDERS[0], [1.0; 3]),
         left: if is_scaled { scaled } else { plain },
         rearranged: if own > 0.0 { least / own } else { 1.0 },
         factors,
@@ -182,20 +187,20 @@ pub fn compare(session: &Session) -> Option<Comparison> {
     })
 }
 
-/// The untouched pad as the presses show it, on blocks.
-struct Seen {
+/// Untouched pad as the presses show it, on blocks.
+struct UntouchedPad {
     block_px: usize,
     levels: Grid<[f32; 3]>,
-    /// Blocks where it is known.
+    /// Blocks that are known.
     known: Vec<usize>,
     change: f64,
 }
 
-impl Seen {
-    fn of(session: &Session) -> Option<Self> {
-        let block_px = block_px(&session.background);
+impl UntouchedPad {
+    fn from_session(session: &Session) -> Option<Self> {
+        let block_px = coarse_block_px(&session.background);
         let presses: Vec<Grid<[f32; 3]>> =
-            session.observations.par_iter().map(|press| means(&press.image, block_px)).collect();
+            session.observations.par_iter().map(|press| block_means(&press.image, block_px)).collect();
         let Grid { width, height, .. } = *presses.first()?;
         let mut levels = Grid::new(width, height);
         let mut known = Vec::new();
@@ -206,26 +211,26 @@ impl Seen {
                 (x - cx).hypot(y - cy) > REACH * press.circle.radius_px
             });
             let away: Vec<[f32; 3]> = away.map(|(blocks, _)| blocks.data[at]).collect();
-            if away.len() < WITNESSES.min(presses.len()) {
+            if away.len() < MIN_PRESSES.min(presses.len()) {
                 continue;
             }
             let middle = |k: usize| median(&away.iter().map(|level| f64::from(level[k])).collect::<Vec<_>>());
             let level = [0, 1, 2].map(|k| middle(k).unwrap_or(0.0) as f32);
-            if level.iter().all(|level| USABLE.contains(level)) {
+            if level.iter().all(|level| USABLE_LEVELS.contains(level)) {
                 levels.data[at] = level;
                 known.push(at);
             }
         }
-        if (known.len() as f64) < KNOWN * (width * height) as f64 {
+        if (known.len() as f64) < MIN_KNOWN_SHARE * (width * height) as f64 {
             return None;
         }
         let mut seen = Self { block_px, levels, known, change: 0.0 };
-        seen.change = seen.change(session, &presses);
+        seen.change = seen.mean_press_change(session, &presses);
         Some(seen)
     }
 
-    /// Mean absolute difference of the presses from the pad as it is seen elsewhere, in their discs.
-    fn change(&self, session: &Session, presses: &[Grid<[f32; 3]>]) -> f64 {
+    /// Mean absolute difference of the presses from the untouched pad in their discs, grey levels.
+    fn mean_press_change(&self, session: &Session, presses: &[Grid<[f32; 3]>]) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (blocks, press) in presses.iter().zip(&session.observations) {
             for at in &self.known {
@@ -242,8 +247,8 @@ impl Seen {
         if count > 0.0 { sum / count } else { 0.0 }
     }
 
-    /// Levels of the pad and of the background at each known block that is neither black nor white in either.
-    fn pairs<'a>(
+    /// Returns the levels of pad and background in each known block that is neither black nor white in either.
+    fn level_pairs<'a>(
         &'a self,
         background: &'a Grid<[f32; 3]>,
         order: [usize; 3],
@@ -251,23 +256,23 @@ impl Seen {
         self.known.iter().filter_map(move |at| {
             let (seen, rest) = (self.levels.data[*at], background.data[*at]);
             let rest = order.map(|k| rest[k]);
-            rest.iter().all(|level| USABLE.contains(level)).then(|| (seen.map(f64::from), rest.map(f64::from)))
+            rest.iter().all(|level| USABLE_LEVELS.contains(level)).then(|| (seen.map(f64::from), rest.map(f64::from)))
         })
     }
 
-    /// Factor of each channel, by least squares.
-    fn factors(&self, background: &Grid<[f32; 3]>, order: [usize; 3]) -> [f64; 3] {
+    /// Fits the factor of each channel, by least squares.
+    fn fit_factors(&self, background: &Grid<[f32; 3]>, order: [usize; 3]) -> [f64; 3] {
         let mut sums = [[0.0; 2]; 3];
-        for (seen, rest) in self.pairs(background, order) {
+        for (seen, rest) in self.level_pairs(background, order) {
             (0..3).for_each(|k| sums[k] = [sums[k][0] + seen[k] * rest[k], sums[k][1] + rest[k] * rest[k]]);
         }
         sums.map(|[product, square]| if square > 0.0 { product / square } else { 1.0 })
     }
 
-    /// Mean absolute difference after these factors.
-    fn left(&self, background: &Grid<[f32; 3]>, order: [usize; 3], factors: [f64; 3]) -> f64 {
+    /// Mean absolute difference after these factors, grey levels.
+    fn remaining_difference(&self, background: &Grid<[f32; 3]>, order: [usize; 3], factors: [f64; 3]) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
-        for (seen, rest) in self.pairs(background, order) {
+        for (seen, rest) in self.level_pairs(background, order) {
             sum += (0..3).map(|k| (seen[k] - factors[k] * rest[k]).abs()).sum::<f64>();
             count += 3.0;
         }
@@ -275,29 +280,32 @@ impl Seen {
         if count > 0.0 { sum / count } else { 255.0 }
     }
 
-    /// The same after one factor for all channels: with one for each, grey pads would agree in any order.
-    fn with_one_factor(&self, background: &Grid<[f32; 3]>, order: [usize; 3]) -> f64 {
-        let [product, square] = self.pairs(background, order).fold([0.0; 2], |[product, square], (seen, rest)| {
-            let sum = |of: &dyn Fn(usize) -> f64| (0..3).map(of).sum::<f64>();
-            [product + sum(&|k| seen[k] * rest[k]), square + sum(&|k| rest[k] * rest[k])]
-        });
-        self.left(background, order, [if square > 0.0 { product / square } else { 1.0 }; 3])
+    /// Mean absolute difference after one factor for all channels: with one for each, grey pads would agree in any
+    /// order.
+    fn difference_with_one_factor(&self, background: &Grid<[f32; 3]>, order: [usize; 3]) -> f64 {
+        let [product, square] =
+            self.level_pairs(background, order).fold([0.0; 2], |[product, square], (seen, rest)| {
+                let sum = |of: &dyn Fn(usize) -> f64| (0..3).map(of).sum::<f64>();
+                [product + sum(&|k| seen[k] * rest[k]), square + sum(&|k| rest[k] * rest[k])]
+            });
+        self.remaining_difference(background, order, [if square > 0.0 { product / square } else { 1.0 }; 3])
     }
 }
 
-/// What of the presses' change is the same in all of them where none of them is, and where that is most, px.
-fn in_common(session: &Session, background: &RgbImage) -> (f64, [f64; 2]) {
-    /// How far presses may be from what they have in common: of its square.
+/// Measures the fraction of the presses' change that is common to all presses where none of them is. Also returns the
+/// place where it is largest, px.
+fn measure_common_change(session: &Session, background: &RgbImage) -> (f64, [f64; 2]) {
+    /// Largest deviation of presses from what they share, relative to its square.
     const ALIKE: f64 = 0.3;
-    let changes: Vec<Change> =
-        session.observations.par_iter().map(|press| Change::coarse(&press.image, background)).collect();
+    let changes: Vec<BlockChange> =
+        session.observations.par_iter().map(|press| BlockChange::on_coarse_blocks(&press.image, background)).collect();
     let Some(first) = changes.first() else { return (0.0, [0.0; 2]) };
     let Grid { width, height, .. } = first.levels;
-    let usual: Vec<f64> = changes.iter().map(Change::usual).collect();
-    let above = |level: [f32; 3], usual: f64| (energy(level) - 4.0 * usual * usual).max(0.0);
-    let whole = changes.iter().zip(&usual);
-    let whole = whole.map(|(change, usual)| change.levels.data.iter().map(|level| above(*level, *usual)).sum());
-    let whole = median(&whole.collect::<Vec<f64>>()).unwrap_or(0.0);
+    let usual: Vec<f64> = changes.iter().map(BlockChange::typical_size).collect();
+    let above = |level: [f32; 3], usual: f64| (change_energy(level) - 4.0 * usual * usual).max(0.0);
+    let total = changes.iter().zip(&usual);
+    let total = total.map(|(change, usual)| change.levels.data.iter().map(|level| above(*level, *usual)).sum());
+    let total = median(&total.collect::<Vec<f64>>()).unwrap_or(0.0);
     let usual = median(&usual).unwrap_or(0.0);
     let (mut sum, mut most, mut place) = (0.0, 0.0, [0.0; 2]);
     for at in 0..width * height {
@@ -307,12 +315,12 @@ fn in_common(session: &Session, background: &RgbImage) -> (f64, [f64; 2]) {
             (x - cx).hypot(y - cy) > REACH * press.circle.radius_px
         });
         let away: Vec<[f32; 3]> = away.map(|(change, _)| change.levels.data[at]).collect();
-        if away.len() < WITNESSES {
+        if away.len() < MIN_PRESSES {
             continue;
         }
         let middle = |k: usize| median(&away.iter().map(|level| f64::from(level[k])).collect::<Vec<_>>());
         let shared = [0, 1, 2].map(|k| middle(k).unwrap_or(0.0) as f32);
-        let off = |level: &[f32; 3]| energy(std::array::from_fn(|k| level[k] - shared[k]));
+        let off = |level: &[f32; 3]| change_energy(std::array::from_fn(|k| level[k] - shared[k]));
         let apart = median(&away.iter().map(off).collect::<Vec<_>>()).unwrap_or(0.0);
         let common = above(shared, usual);
         if apart > ALIKE * common {
@@ -323,43 +331,46 @@ fn in_common(session: &Session, background: &RgbImage) -> (f64, [f64; 2]) {
             (most, place) = (common, [x, y]);
         }
     }
-    (if whole > 0.0 { sum / whole } else { 0.0 }, place)
+    (if total > 0.0 { sum / total } else { 0.0 }, place)
 }
 
-/// One thing that speaks against a background image.
+/// A finding about a background image.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
-    /// What it is.
+pub struct BackgroundFinding {
+    /// Diagnostic for the user.
     pub diagnostic: Diagnostic,
-    /// True if it is seen only where the circles are on the discs.
+    /// Whether it is only seen if the circles are on the discs.
     pub depends_on_circles: bool,
 }
 
-/// All that is seen of a background image.
+/// Assessment of a background image.
 #[derive(Clone, Debug)]
-pub struct Look {
-    /// The comparison; none where too little is away from the discs.
-    pub compared: Option<Comparison>,
-    /// What speaks against it.
-    pub findings: Vec<Finding>,
+pub struct BackgroundAssessment {
+    /// Comparison; none if too little is away from the discs.
+    pub compared: Option<BackgroundComparison>,
+    /// Findings against it.
+    pub findings: Vec<BackgroundFinding>,
 }
 
-/// Looks at the background image.
-pub fn look(session: &Session) -> Look {
-    if let Some(white) = white(session) {
-        return Look { compared: None, findings: vec![Finding { diagnostic: white, depends_on_circles: false }] };
+/// Assesses the background image.
+pub fn assess_background(session: &Session) -> BackgroundAssessment {
+    if let Some(white) = check_white_background(session) {
+        return BackgroundAssessment {
+            compared: None,
+            findings: vec![BackgroundFinding { diagnostic: white, depends_on_circles: false }],
+        };
     }
-    let compared = compare(session);
-    Look { findings: compared.as_ref().map_or_else(Vec::new, judged), compared }
+    let compared = compare_background(session);
+    BackgroundAssessment { findings: compared.as_ref().map_or_else(Vec::new, judge_comparison), compared }
 }
 
-/// What speaks against the background image.
-pub fn findings(session: &Session) -> Vec<Diagnostic> {
-    look(session).findings.into_iter().map(|found| found.diagnostic).collect()
+/// Returns the findings against the background image.
+pub fn judge_background(session: &Session) -> Vec<Diagnostic> {
+    assess_background(session).findings.into_iter().map(|found| found.diagnostic).collect()
 }
 
-/// Why nothing can be learnt where it is white.
-fn white(session: &Session) -> Option<Diagnostic> {
+/// Reports a background that is white in the discs, where nothing can be learnt.
+fn check_white_background(session: &Session) -> Option<Diagnostic> {
     let (mut white, mut all) = (0.0, 0.0);
     for press in &session.observations {
         let [cx, cy] = press.circle.centre_px;
@@ -370,7 +381,7 @@ fn white(session: &Session) -> Option<Diagnostic> {
             }
         }
     }
-    (all > 0.0 && white > MOST_WHITE * all).then(|| {
+    (all > 0.0 && white > MAX_WHITE * all).then(|| {
         let message = format!(
             "the background image is white in {:.0} % of the discs, where nothing can be learnt",
             100.0 * white / all
@@ -380,30 +391,31 @@ fn white(session: &Session) -> Option<Diagnostic> {
     })
 }
 
-/// What speaks against it in a comparison.
-pub fn judged(found: &Comparison) -> Vec<Finding> {
+/// Returns the findings of a comparison.
+pub fn judge_comparison(found: &BackgroundComparison) -> Vec<BackgroundFinding> {
     const FLAG: &str = "add --match-background, which changes it so; or convert the images that are wrong";
-    let Match { turn, order, factors } = found.found;
+    let BackgroundCorrection { turn, order, factors } = found.found;
     let mut all = Vec::new();
-    let mut add =
-        |diagnostic: Diagnostic, depends_on_circles: bool| all.push(Finding { diagnostic, depends_on_circles });
-    if order != Match::NOTHING.order {
+    let mut add = |diagnostic: Diagnostic, depends_on_circles: bool| {
+        all.push(BackgroundFinding { diagnostic, depends_on_circles })
+    };
+    if order != BackgroundCorrection::NOTHING.order {
         let message = match order {
             [2, 1, 0] => {
                 String::from("red and blue of the background image are exchanged against the presses (RGB and BGR)")
             }
             _ => format!(
                 "the channels of the background image are exchanged against the presses: in their order it has {}",
-                found.found.order_text()
+                found.found.describe_order()
             ),
         };
         add(Diagnostic::new(message).help(FLAG), false);
     }
     if turn != Turn::None {
-        let message = format!("the background image agrees with the presses only if it is {}", turn.text());
+        let message = format!("the background image agrees with the presses only if it is {}", turn.describe_turn());
         add(Diagnostic::new(message).help(FLAG), false);
     }
-    if factors != Match::NOTHING.factors {
+    if factors != BackgroundCorrection::NOTHING.factors {
         let [red, green, blue] = factors;
         let mean = factors.iter().sum::<f64>() / 3.0;
         let is_even = factors.iter().all(|factor| (factor / mean - 1.0).abs() < 0.05);
@@ -421,7 +433,7 @@ pub fn judged(found: &Comparison) -> Vec<Finding> {
         add(Diagnostic::new(message).help(help), false);
     }
     let share = if found.change > 0.0 { found.left / found.change } else { f64::INFINITY };
-    if share > DOUBTFUL && found.left > LEAST_LEVELS {
+    if share > DOUBTFUL && found.left > MIN_LEVELS {
         let so = if found.found.is_nothing() { "" } else { ", also after that" };
         let message = format!(
             "the background image does not look like the presses away from their discs{so}: they differ by {:.1} grey levels, \
@@ -447,9 +459,9 @@ pub fn judged(found: &Comparison) -> Vec<Finding> {
     all
 }
 
-/// The session with the background image as the presses have it, and what was done.
-pub fn matched(session: Session) -> (Session, String) {
-    match compare(&session).map(|found| found.found) {
+/// Changes the background image of a session to agree with the presses. Also returns what was done.
+pub fn match_background(session: Session) -> (Session, String) {
+    match compare_background(&session).map(|found| found.found) {
         None => {
             let why = "too little of the pad is away from the discs: --match-background changes nothing";
             (session, String::from(why))
@@ -458,7 +470,7 @@ pub fn matched(session: Session) -> (Session, String) {
             let background = found.apply(&session.background);
             let printed =
                 session.printed.map(|printed| PrintedDots { background: found.apply(&printed.background), ..printed });
-            (Session { background, printed, ..session }, found.text())
+            (Session { background, printed, ..session }, found.to_sentence())
         }
     }
 }

@@ -1,69 +1,72 @@
-//! The circles of all presses against what changed in their images: one mistake in a table, such as two columns exchanged,
-//! moves all of them alike, and what moves them back is the mistake.
+//! Checks the circles of all presses against what changed in their images. One mistake in a table, such as two
+//! exchanged columns, moves all of them alike; the correction that moves them back identifies the mistake.
 
 use rayon::prelude::*;
 
-use super::super::detect::change::{Change, energy};
+use super::super::detect::change::{BlockChange, change_energy};
 use super::super::{Observation, Session};
 use crate::metrics::statistics::median;
 use crate::presses::Circle;
 use gelsim_files::diagnostic::Diagnostic;
 
-/// What is counted of a press lies within so many radii. Measured: of real presses 0.65 of the change and more, with the
-/// circles as they are.
+/// Radius within which the change of a press is counted, in radii. Measured: with correct circles at least 0.65 of the
+/// change of real presses lies within.
 const REACH: f64 = 1.3;
-/// Circles that hold so much of the change, the median, are where the discs are.
+/// Median fraction of the change that circles hold if they are on the discs.
 const HELD: f64 = 0.55;
-/// What moves the circles must hold so much, and more than they do by so much, in so many of the presses.
+/// What corrected circles must hold, how much more than the given ones, and in which fraction of the presses.
 const MOVED: f64 = 0.5;
 const BETTER: f64 = 0.15;
-const MOST_PRESSES: f64 = 0.7;
-/// Radius that holds 80 % of the change, in radii of the circle, the median. Real presses: 0.95 to 1.53; of diameters in
-/// place of radii 0.47 to 0.77.
+const MAX_PRESSES: f64 = 0.7;
+/// Fraction of the change that defines a disc's radius; and the medians of that radius, in radii of the circle, below
+/// and above which the circles have diameters or half radii. Real presses: 0.95 to 1.53; with diameters in place of
+/// radii 0.47 to 0.77.
 const HOLDING: f64 = 0.8;
 const DIAMETERS: f64 = 0.82;
 const HALVES: f64 = 1.75;
-/// The middle of what changed is nearer to the circle's than this, in radii, the median, where the circle is on the disc.
+/// Largest median distance of the change's middle from the circle's, in radii, if the circle is on the disc.
 const OFF: f64 = 0.8;
-/// Images in which no block has changed by so many times the usual are as the background is.
+/// Images in which no block has changed by more than so many times the typical size look like the background.
 const UNCHANGED: f64 = 6.0;
 
-/// What a press changed, above what changes anyhow, on blocks.
-struct ChangeMap {
+/// Change by a press above the usual, on blocks.
+struct ChangeShares {
     block_px: f64,
     width: usize,
-    /// Fraction of all that changed in each block.
+    /// Fraction of the total change in each block.
     shares: Vec<f64>,
-    is_none: bool,
+    is_unchanged: bool,
 }
 
-impl ChangeMap {
-    fn of(press: &Observation, session: &Session) -> Self {
-        let change = Change::coarse(&press.image, &session.background);
-        let usual = change.usual();
+impl ChangeShares {
+    fn from_press(press: &Observation, session: &Session) -> Self {
+        let change = BlockChange::on_coarse_blocks(&press.image, &session.background);
+        let usual = change.typical_size();
         let above: Vec<f64> =
-            change.levels.data.iter().map(|level| (energy(*level) - 4.0 * usual * usual).max(0.0)).collect();
+            change.levels.data.iter().map(|level| (change_energy(*level) - 4.0 * usual * usual).max(0.0)).collect();
         let all: f64 = above.iter().sum();
-        let most = change.levels.data.iter().map(|level| energy(*level)).fold(0.0, f64::max);
+        let most = change.levels.data.iter().map(|level| change_energy(*level)).fold(0.0, f64::max);
         Self {
             block_px: change.block_px as f64,
             width: change.levels.width,
             shares: above.iter().map(|above| if all > 0.0 { above / all } else { 0.0 }).collect(),
-            is_none: most < UNCHANGED * UNCHANGED * usual * usual,
+            is_unchanged: most < UNCHANGED * UNCHANGED * usual * usual,
         }
     }
 
+    /// Returns centre and radius of a circle, in blocks.
     fn on_blocks(&self, circle: &Circle) -> ([f64; 2], f64) {
         (circle.centre_px.map(|at| (at + 0.5) / self.block_px - 0.5), circle.radius_px / self.block_px)
     }
 
-    /// How much of it is within [`REACH`] radii, less the fraction of the view that is: as much as is there by chance.
-    fn held(&self, circle: &Circle) -> f64 {
+    /// Fraction of the change within [`REACH`] radii, less the fraction of the view there: what would be there by
+    /// chance.
+    fn held_fraction(&self, circle: &Circle) -> f64 {
         let ([cx, cy], radius) = self.on_blocks(circle);
         let (mut share, mut area) = (0.0, 0.0);
         for (at, of_block) in self.shares.iter().enumerate() {
             let distance = ((at % self.width) as f64 - cx).hypot((at / self.width) as f64 - cy);
-            // A rim of the width of a block.
+            // A soft rim as wide as a block.
             let inside = (REACH * radius + 0.5 - distance).clamp(0.0, 1.0);
             share += inside * of_block;
             area += inside;
@@ -71,16 +74,16 @@ impl ChangeMap {
         share - area / self.shares.len().max(1) as f64
     }
 
-    /// How far the middle of it is from that of the circle, in radii.
-    fn off(&self, circle: &Circle) -> f64 {
+    /// Distance of the change's middle from the circle's, in radii.
+    fn centre_offset(&self, circle: &Circle) -> f64 {
         let ([cx, cy], radius) = self.on_blocks(circle);
         let sum =
             |of: &dyn Fn(usize) -> f64| self.shares.iter().enumerate().map(|(at, share)| share * of(at)).sum::<f64>();
         (sum(&|at| (at % self.width) as f64) - cx).hypot(sum(&|at| (at / self.width) as f64) - cy) / radius
     }
 
-    /// The radius that holds 80 % of it, in radii of the circle.
-    fn holding(&self, circle: &Circle) -> f64 {
+    /// Radius that holds 80 % of the change, in radii of the circle.
+    fn holding_radius(&self, circle: &Circle) -> f64 {
         let ([cx, cy], radius) = self.on_blocks(circle);
         let mut by_distance: Vec<(f64, f64)> = self
             .shares
@@ -98,20 +101,20 @@ impl ChangeMap {
     }
 }
 
-/// One mistake that would move all circles alike: what it looks like, what to write instead, and where the circle was meant.
-struct Mistake {
+/// A mistake that would move all circles alike: its description, what to write instead, and the correction.
+struct CircleMistake {
     what: String,
     help: String,
-    /// The circle that is meant by that of a press, in a view of this width and height.
-    meant: Box<dyn Fn(&Circle) -> Circle + Sync>,
+    /// Returns the circle that was meant by that of a press.
+    correct_circle: Box<dyn Fn(&Circle) -> Circle + Sync>,
 }
 
-/// The mistakes that are known, of a view of this size and pixels of this many mm.
-fn mistakes([width, height]: [f64; 2], mm_per_px: f64) -> Vec<Mistake> {
+/// Lists the known mistakes, for a view of this width and height, px, and this pixel size.
+fn known_mistakes([width, height]: [f64; 2], mm_per_px: f64) -> Vec<CircleMistake> {
     let (right, low) = (width - 1.0, height - 1.0);
     let mut all = Vec::new();
     let mut add = |what: String, help: String, meant: Box<dyn Fn(&Circle) -> Circle + Sync>| {
-        all.push(Mistake { what, help, meant });
+        all.push(CircleMistake { what, help, correct_circle: meant });
     };
     type Move = fn([f64; 2], [f64; 2]) -> [f64; 2];
     let moves: [(&str, String, Move); 7] = [
@@ -203,44 +206,47 @@ fn mistakes([width, height]: [f64; 2], mm_per_px: f64) -> Vec<Mistake> {
     all
 }
 
-/// How much of the change given circles hold.
-fn held(changed: &[ChangeMap], circles: &[Circle]) -> Vec<f64> {
-    changed.par_iter().zip(circles).map(|(changed, circle)| changed.held(circle)).collect()
+/// Fraction of each press's change that its circle holds.
+fn held_fractions(changed: &[ChangeShares], circles: &[Circle]) -> Vec<f64> {
+    changed.par_iter().zip(circles).map(|(changed, circle)| changed.held_fraction(circle)).collect()
 }
 
-fn middle(values: &[f64]) -> f64 {
+fn median_or_zero(values: &[f64]) -> f64 {
     median(values).unwrap_or(0.0)
 }
 
-/// How much of the change the circles of a session hold, and the radius that holds 80 % of it in radii of theirs: medians.
-pub fn figures(session: &Session) -> [f64; 2] {
-    let changed: Vec<ChangeMap> = session.observations.par_iter().map(|press| ChangeMap::of(press, session)).collect();
+/// Medians over a session: the fraction of the change that the circles hold, and the radius that holds 80 % of it, in
+/// radii of the circles.
+pub fn circle_statistics(session: &Session) -> [f64; 2] {
+    let changed: Vec<ChangeShares> =
+        session.observations.par_iter().map(|press| ChangeShares::from_press(press, session)).collect();
     let circles: Vec<Circle> = session.observations.iter().map(|press| press.circle).collect();
-    let holding: Vec<f64> = changed.iter().zip(&circles).map(|(changed, circle)| changed.holding(circle)).collect();
-    [middle(&held(&changed, &circles)), middle(&holding)]
+    let holding: Vec<f64> =
+        changed.iter().zip(&circles).map(|(changed, circle)| changed.holding_radius(circle)).collect();
+    [median_or_zero(&held_fractions(&changed, &circles)), median_or_zero(&holding)]
 }
 
-/// What speaks against the circles of all presses.
-pub fn findings(session: &Session) -> Vec<Diagnostic> {
+/// Returns the findings against the circles of all presses.
+pub fn judge_circles(session: &Session) -> Vec<Diagnostic> {
     let presses = &session.observations;
-    let changed: Vec<ChangeMap> = presses.par_iter().map(|press| ChangeMap::of(press, session)).collect();
+    let changed: Vec<ChangeShares> = presses.par_iter().map(|press| ChangeShares::from_press(press, session)).collect();
     let same: Vec<&Observation> =
-        presses.iter().zip(&changed).filter(|(_, changed)| changed.is_none).map(|(press, _)| press).collect();
+        presses.iter().zip(&changed).filter(|(_, changed)| changed.is_unchanged).map(|(press, _)| press).collect();
     if 2 * same.len() >= presses.len().max(1) {
         let help = "name images of a ball in the pad; where the contact is faint, press deeper";
         let message = |press: &Observation| format!("{}: it shows nothing that is not in the background", press.file);
         let cause = "images show nothing that is not in the background";
         return same
             .into_iter()
-            .map(|press| Diagnostic::new(message(press)).of(press.file.as_str(), cause).help(help))
+            .map(|press| Diagnostic::new(message(press)).about(press.file.as_str(), cause).help(help))
             .collect();
     }
     let circles: Vec<Circle> = presses.iter().map(|press| press.circle).collect();
-    let own = held(&changed, &circles);
-    let of_each = |of: fn(&ChangeMap, &Circle) -> f64| {
-        middle(&changed.iter().zip(&circles).map(|(changed, circle)| of(changed, circle)).collect::<Vec<_>>())
+    let own = held_fractions(&changed, &circles);
+    let of_each = |of: fn(&ChangeShares, &Circle) -> f64| {
+        median_or_zero(&changed.iter().zip(&circles).map(|(changed, circle)| of(changed, circle)).collect::<Vec<_>>())
     };
-    let (radius, is_on_disc) = (of_each(ChangeMap::holding), of_each(ChangeMap::off) < OFF);
+    let (radius, is_on_disc) = (of_each(ChangeShares::holding_radius), of_each(ChangeShares::centre_offset) < OFF);
     if is_on_disc && radius < DIAMETERS {
         let message = format!(
             "`radius_px` looks like a diameter: 80 % of what changed lies within {radius:.2} of it, of real discs 0.95 to 1.5"
@@ -254,27 +260,36 @@ pub fn findings(session: &Session) -> Vec<Diagnostic> {
         );
         return vec![Diagnostic::new(message).help("write the radius of the disc that you see, in pixels")];
     }
-    let is_elsewhere = middle(&own) < HELD;
-    moved(session, &changed, &circles, &own).filter(|_| is_elsewhere).into_iter().collect()
+    let is_elsewhere = median_or_zero(&own) < HELD;
+    find_common_mistake(session, &changed, &circles, &own).filter(|_| is_elsewhere).into_iter().collect()
 }
 
-/// The mistake that explains best why the circles, which hold `own`, are not on the discs.
-fn moved(session: &Session, changed: &[ChangeMap], circles: &[Circle], own: &[f64]) -> Option<Diagnostic> {
+/// Finds the mistake that best explains why the circles, which hold `own` of the change, are not on the discs.
+fn find_common_mistake(
+    session: &Session,
+    changed: &[ChangeShares],
+    circles: &[Circle],
+    own: &[f64],
+) -> Option<Diagnostic> {
     let is_better = |tried: &[f64]| {
         let better = tried.iter().zip(own).filter(|(tried, own)| tried > own).count() as f64;
-        middle(tried) >= MOVED && middle(tried) >= middle(own) + BETTER && better >= MOST_PRESSES * own.len() as f64
+        median_or_zero(tried) >= MOVED
+            && median_or_zero(tried) >= median_or_zero(own) + BETTER
+            && better >= MAX_PRESSES * own.len() as f64
     };
     let [width, height] = session.camera.resolution_px.map(|px| px as f64);
-    let known = mistakes([width, height], session.camera.mm_per_px[0]).into_iter().map(|mistake| {
-        let meant: Vec<Circle> = circles.iter().map(|circle| (mistake.meant)(circle)).collect();
-        (held(changed, &meant), mistake)
+    let known = known_mistakes([width, height], session.camera.mm_per_px[0]).into_iter().map(|mistake| {
+        let meant: Vec<Circle> = circles.iter().map(|circle| (mistake.correct_circle)(circle)).collect();
+        (held_fractions(changed, &meant), mistake)
     });
-    let best = known.filter(|(tried, _)| is_better(tried)).max_by(|(a, _), (b, _)| middle(a).total_cmp(&middle(b)));
-    let rows = other_rows(session, changed, circles).filter(|(tried, _)| is_better(tried));
+    let best = known
+        .filter(|(tried, _)| is_better(tried))
+        .max_by(|(a, _), (b, _)| median_or_zero(a).total_cmp(&median_or_zero(b)));
+    let rows = find_swapped_rows(session, changed, circles).filter(|(tried, _)| is_better(tried));
     match (best, rows) {
-        // A circle of one of many rows fits more easily than one of a few mistakes.
+        // One of many rows' circles fits more easily by chance than one of few mistakes: prefer the mistake.
         (Some((tried, mistake)), rows)
-            if rows.as_ref().is_none_or(|(of_rows, _)| middle(&tried) > middle(of_rows) - 0.05) =>
+            if rows.as_ref().is_none_or(|(of_rows, _)| median_or_zero(&tried) > median_or_zero(of_rows) - 0.05) =>
         {
             Some(Diagnostic::new(mistake.what).help(mistake.help))
         }
@@ -282,15 +297,19 @@ fn moved(session: &Session, changed: &[ChangeMap], circles: &[Circle], own: &[f6
     }
 }
 
-/// That circles belong to other rows' images: for each press the circle that holds most of its change.
-fn other_rows(session: &Session, changed: &[ChangeMap], circles: &[Circle]) -> Option<(Vec<f64>, Diagnostic)> {
-    /// With more rows that each are tried with each this takes minutes.
-    const MOST_ROWS: usize = 300;
-    if circles.len() > MOST_ROWS {
+/// Checks whether circles belong to other rows' images, by the circle that holds most of each press's change.
+fn find_swapped_rows(
+    session: &Session,
+    changed: &[ChangeShares],
+    circles: &[Circle],
+) -> Option<(Vec<f64>, Diagnostic)> {
+    /// Most rows: each is tried with each, which would take minutes for more.
+    const MAX_ROWS: usize = 300;
+    if circles.len() > MAX_ROWS {
         return None;
     }
-    let best = |changed: &ChangeMap| {
-        let held = circles.iter().map(|circle| changed.held(circle)).enumerate();
+    let best = |changed: &ChangeShares| {
+        let held = circles.iter().map(|circle| changed.held_fraction(circle)).enumerate();
         held.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
     };
     let found: Vec<(usize, f64)> = changed.par_iter().map(best).collect();
@@ -298,8 +317,8 @@ fn other_rows(session: &Session, changed: &[ChangeMap], circles: &[Circle]) -> O
     let mut rows: Vec<usize> = found.iter().map(|(row, _)| *row).collect();
     rows.sort_unstable();
     rows.dedup();
-    // Each row's circle belongs to one image.
-    if others * 2 < found.len() || (rows.len() as f64) < MOST_PRESSES * found.len() as f64 {
+    // Each row's circle must belong to a single image.
+    if others * 2 < found.len() || (rows.len() as f64) < MAX_PRESSES * found.len() as f64 {
         return None;
     }
     let first = found.iter().enumerate().find(|(press, (row, _))| press != row)?;

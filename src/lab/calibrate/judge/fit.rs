@@ -1,53 +1,54 @@
-//! Whether a fit explains what the presses change, on presses that it has not seen.
+//! Checks whether a fit explains what the presses change, on presses that it was not fitted to.
 //!
-//! Two guesses need no fit: that nothing changes, which is the background image, and that a press changes all of its disc
-//! by one colour, which is even taken from the press itself. A fit is worth something if it leaves less than half of the better
-//! guess's error. Measured (tests/reality/judge.rs): 0.17 to 0.39 on six sets of real presses in 300 steps, by LEDs alone 0.32 to 0.56.
+//! Two guesses need no fit: that nothing changes, which is the background image, and that a press changes its disc by
+//! one colour, which is even taken from the press itself. A fit is useful if it leaves less than half of the better
+//! guess's error. Measured (tests/reality/judge.rs): 0.17 to 0.39 on six sets of real presses in 300 steps, by LEDs
+//! alone 0.32 to 0.56.
 
 use image::RgbImage;
 
-use super::super::choose::ROOMIEST;
-use super::super::leds::{FittedLeds, MOST_INTENSITY};
+use super::super::choose::SMALLEST_CONTACT;
+use super::super::leds::{FittedLeds, MAX_INTENSITY};
 use super::super::outliers::OutlierReason;
-use super::super::pixels::DILATE;
+use super::super::pixels::ERROR_REACH;
 use super::super::{Geometry, Session};
-use crate::compare::score::disc;
+use crate::compare::score::disc_mask;
 use crate::presses::Circle;
 use gelsim_files::diagnostic::Diagnostic;
 
-/// What a fit may leave of the better guess's error.
-pub const MOST_LEFT: f64 = 0.5;
+/// Largest fraction of the better guess's error that a fit may leave.
+pub const MAX_REMAINING_SHARE: f64 = 0.5;
 
 /// Mean absolute errors around the contact, grey levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Verdict {
-    /// Of the fit, each press by a fit of the others.
+pub struct FitVerdict {
+    /// Error of the fit, each press by a fit to the others.
     pub fit: f64,
-    /// Of the background image, as if nothing pressed.
+    /// Error of the background image, as if nothing was pressed.
     pub background: f64,
-    /// Of one colour for the whole disc.
+    /// Error of one colour for each disc.
     pub flat: f64,
 }
 
-impl Verdict {
-    /// The better guess's error.
-    pub fn guess(&self) -> f64 {
+impl FitVerdict {
+    /// Error of the better guess.
+    pub fn best_guess(&self) -> f64 {
         self.background.min(self.flat)
     }
 
-    /// What part of the better guess's error the fit leaves; 1 where there is nothing to explain.
-    pub fn left(&self) -> f64 {
-        if self.guess() > 0.0 { self.fit / self.guess() } else { 1.0 }
+    /// Fraction of the better guess's error that the fit leaves; 1 if there is nothing to explain.
+    pub fn remaining_share(&self) -> f64 {
+        if self.best_guess() > 0.0 { self.fit / self.best_guess() } else { 1.0 }
     }
 
-    /// True if a result would be none. So it is of errors that are no numbers.
+    /// Returns true if the result would be useless, also if the errors are not numbers.
     pub fn is_hopeless(&self) -> bool {
-        self.left().is_nan() || self.left() >= MOST_LEFT
+        self.remaining_share().is_nan() || self.remaining_share() >= MAX_REMAINING_SHARE
     }
 
-    /// In a sentence.
-    pub fn text(&self) -> String {
-        let explained = (100.0 * (1.0 - self.left())).round();
+    /// Describes it in a sentence.
+    pub fn to_sentence(&self) -> String {
+        let explained = (100.0 * (1.0 - self.remaining_share())).round();
         let Self { fit, background, flat } = self;
         let figures = format!(
             "its error around the contact is {fit:.2} grey levels, that of the background alone {background:.2}, that of one \
@@ -59,8 +60,8 @@ impl Verdict {
         }
     }
 
-    /// That it is hopeless, if it is; `doubtful` of `all` presses are doubted for themselves.
-    pub fn finding(&self, doubtful: usize, all: usize) -> Option<Diagnostic> {
+    /// Returns the finding that the fit is useless, if it is; `doubtful` of `all` presses have doubts of their own.
+    pub fn to_finding(&self, doubtful: usize, all: usize) -> Option<Diagnostic> {
         if !self.is_hopeless() {
             return None;
         }
@@ -74,18 +75,22 @@ impl Verdict {
             ),
             _ => format!("{doubtful} of {all} presses are doubtful, see the warnings: correct them, or add --drop-bad"),
         };
-        Some(Diagnostic::new(self.text()).help(help))
+        Some(Diagnostic::new(self.to_sentence()).help(help))
     }
 }
 
-/// That most circles are larger than any contact of their balls, with what makes them so, whatever is chosen.
-pub fn contacts(session: &Session, thickness_mm: Option<f64>, contact_over_disc: Option<f64>) -> Option<Diagnostic> {
+/// Reports that most circles are larger than any contact of their balls, with the option that causes it, if one does.
+pub fn judge_contacts(
+    session: &Session,
+    thickness_mm: Option<f64>,
+    contact_over_disc: Option<f64>,
+) -> Option<Diagnostic> {
     let count = |thickness_mm: Option<f64>, contact_over_disc: Option<f64>| {
         let geometry = Geometry {
-            thickness_mm: thickness_mm.unwrap_or(ROOMIEST.thickness_mm),
-            contact_over_disc: contact_over_disc.unwrap_or(ROOMIEST.contact_over_disc),
+            thickness_mm: thickness_mm.unwrap_or(SMALLEST_CONTACT.thickness_mm),
+            contact_over_disc: contact_over_disc.unwrap_or(SMALLEST_CONTACT.contact_over_disc),
         };
-        session.too_large(geometry).into_iter().filter(|too_large| *too_large).count()
+        session.find_too_large(geometry).into_iter().filter(|too_large| *too_large).count()
     };
     let all = session.observations.len();
     let is_most = |count: usize| 2 * count >= all;
@@ -109,8 +114,8 @@ pub fn contacts(session: &Session, thickness_mm: Option<f64>, contact_over_disc:
     })
 }
 
-/// That most presses are doubtful for themselves.
-pub fn doubtful(doubts: &[Vec<OutlierReason>]) -> Option<Diagnostic> {
+/// Reports that most presses are doubtful by themselves.
+pub fn judge_doubts(doubts: &[Vec<OutlierReason>]) -> Option<Diagnostic> {
     let (doubtful, all) = (doubts.iter().filter(|doubts| !doubts.is_empty()).count(), doubts.len());
     (2 * doubtful >= all).then(|| {
         let message =
@@ -119,12 +124,12 @@ pub fn doubtful(doubts: &[Vec<OutlierReason>]) -> Option<Diagnostic> {
     })
 }
 
-/// That LEDs are stronger than any, so that what they were fitted to has next to no slopes.
-pub fn leds(found: &FittedLeds) -> Option<Diagnostic> {
+/// Reports LEDs that are stronger than any real ones: what they were fitted to has almost no slopes.
+pub fn judge_leds(found: &FittedLeds) -> Option<Diagnostic> {
     let strongest = found.leds.iter().map(|led| led.intensity).fold(0.0, f64::max);
-    (strongest >= MOST_INTENSITY).then(|| {
+    (strongest >= MAX_INTENSITY).then(|| {
         let message = format!(
-            "LEDs of an intensity of {MOST_INTENSITY} and more would be needed to make what the presses change of so gentle slopes"
+            "LEDs of an intensity of {MAX_INTENSITY} and more would be needed to make what the presses change of so gentle slopes"
         );
         Diagnostic::new(message).help(
             "check `ball_radius_mm` and `mm_per_px`, and --contact-over-disc and --thickness-mm if they are given; press deeper",
@@ -132,10 +137,10 @@ pub fn leds(found: &FittedLeds) -> Option<Diagnostic> {
     })
 }
 
-/// Error of the background image, and of the background with the best constant change of each channel, around the contact.
-/// `None` where that is out of view.
-pub fn guesses(image: &RgbImage, background: &RgbImage, circle: &Circle) -> Option<[f64; 2]> {
-    let mask = disc(circle, DILATE, [image.width() as usize, image.height() as usize]);
+/// Errors around the contact of the background image, and of the background with the best constant change of each
+/// channel. `None` if the contact is out of view.
+pub fn guess_errors(image: &RgbImage, background: &RgbImage, circle: &Circle) -> Option<[f64; 2]> {
+    let mask = disc_mask(circle, ERROR_REACH, [image.width() as usize, image.height() as usize]);
     let inside = image.pixels().zip(background.pixels()).zip(&mask.data).filter(|(_, mask)| **mask > 0);
     let mut changes: [Vec<i16>; 3] = Default::default();
     for ((pixel, rest), _) in inside {
@@ -162,14 +167,15 @@ mod tests {
 
     #[test]
     fn a_fit_must_leave_less_than_half_of_the_better_guess() {
-        let verdict = |fit: f64| Verdict { fit, background: 16.0, flat: 12.0 };
+        let verdict = |fit: f64| FitVerdict { fit, background: 16.0, flat: 12.0 };
         assert!(!verdict(5.9).is_hopeless() && verdict(6.0).is_hopeless() && verdict(f64::NAN).is_hopeless());
-        assert!(verdict(3.0).text().starts_with("the fit explains 75 % of what presses change"));
-        assert!(verdict(13.0).text().starts_with("the fit explains nothing"));
-        assert_eq!(verdict(3.0).finding(9, 9), None);
-        let help = |doubtful: usize| verdict(9.0).finding(doubtful, 9).and_then(|found| found.help).expect("a way out");
+        assert!(verdict(3.0).to_sentence().starts_with("the fit explains 75 % of what presses change"));
+        assert!(verdict(13.0).to_sentence().starts_with("the fit explains nothing"));
+        assert_eq!(verdict(3.0).to_finding(9, 9), None);
+        let help =
+            |doubtful: usize| verdict(9.0).to_finding(doubtful, 9).and_then(|found| found.help).expect("a way out");
         assert!(help(0).contains("one sensor") && help(2).contains("--drop-bad") && help(5).contains("most presses"));
-        assert!(Verdict { fit: 0.0, background: 0.0, flat: 0.0 }.is_hopeless());
+        assert!(FitVerdict { fit: 0.0, background: 0.0, flat: 0.0 }.is_hopeless());
     }
 
     #[test]
@@ -185,9 +191,9 @@ mod tests {
         let circle = Circle { centre_px: [10.0, 10.0], radius_px: 1.0 };
         // Nine pixels: red 10 more, green as before, blue 20 less in three of them and 10 less in six.
         let [background, flat] =
-            guesses(&image, &rest, &Circle { radius_px: 1.5 / DILATE, ..circle }).expect("in view");
+            guess_errors(&image, &rest, &Circle { radius_px: 1.5 / ERROR_REACH, ..circle }).expect("in view");
         assert!((background - (90.0 + 60.0 + 60.0) / 27.0).abs() < 1e-12, "{background}");
         assert!((flat - 30.0 / 27.0).abs() < 1e-12, "{flat}");
-        assert_eq!(guesses(&image, &rest, &Circle { centre_px: [-50.0, 0.0], ..circle }), None);
+        assert_eq!(guess_errors(&image, &rest, &Circle { centre_px: [-50.0, 0.0], ..circle }), None);
     }
 }

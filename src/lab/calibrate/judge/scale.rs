@@ -1,4 +1,4 @@
-//! Units: whether view, balls and discs have the sizes that such things have, and which other unit would give them these.
+//! Checks units: whether view, balls and discs have plausible sizes, and which other unit would make them plausible.
 
 use std::ops::Range;
 
@@ -6,24 +6,25 @@ use super::super::Session;
 use crate::metrics::statistics::median;
 use gelsim_files::diagnostic::Diagnostic;
 
-/// Longer sides of views, mm.
+/// Plausible longer sides of views, mm.
 const VIEWS_MM: Range<f64> = 3.0..200.0;
-/// Radii of balls, mm.
+/// Plausible radii of balls, mm.
 const BALLS_MM: Range<f64> = 0.2..50.0;
-/// Radius of the disc over that of its ball, the median of all presses. Real sensors: 0.45 to 0.95.
+/// Plausible radii of discs over those of their balls, median over presses. Real sensors: 0.45 to 0.95.
 const DISCS: Range<f64> = 0.08..1.1;
-/// The same where another unit makes them: narrower, since some unit makes almost anything possible.
+/// The ranges of view, ball and disc that another unit must give: narrower, because some unit makes almost anything
+/// plausible.
 const LIKELY: [Range<f64>; 3] = [5.0..60.0, 1.0..25.0, 0.2..1.0];
-/// Discs so much wider than their balls come from a diameter in place of a radius rather than from a unit.
+/// Discs so much wider than their balls come from a diameter in place of a radius, not from a unit.
 const DOUBLED: Range<f64> = 1.1..3.0;
-/// A view so many times as wide as that of the sensor that was named is another sensor's.
+/// A ratio of widths to the named sensor's view outside this range means another sensor.
 const OTHER_VIEW: Range<f64> = 0.6..1.7;
 
-/// A number as it would be read in a unit other than the column's.
-type Reading = (&'static str, fn(f64) -> f64);
+/// A unit, and the conversion of a number that was written in it.
+type UnitReading = (&'static str, fn(f64) -> f64);
 
-/// How the size of a pixel may have been written.
-const PIXELS: [Reading; 7] = [
+/// Units in which a pixel size may have been written.
+const PIXELS: [UnitReading; 7] = [
     ("metres per pixel", |x| 1e3 * x),
     ("centimetres per pixel", |x| 10.0 * x),
     ("micrometres per pixel", |x| 1e-3 * x),
@@ -32,26 +33,27 @@ const PIXELS: [Reading; 7] = [
     ("pixels per inch", |x| 25.4 / x),
     ("inches per pixel", |x| 25.4 * x),
 ];
-/// How the radius of a ball may have been written.
-const BALLS: [Reading; 4] =
+/// Units in which the radius of a ball may have been written.
+const BALLS: [UnitReading; 4] =
     [("metres", |x| 1e3 * x), ("centimetres", |x| 10.0 * x), ("micrometres", |x| 1e-3 * x), ("inches", |x| 25.4 * x)];
 
-/// What decides whether sizes can be right.
+/// Sizes of a session that are checked.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sizes {
+pub struct SessionSizes {
     /// Pixels along the longer side of the view.
     pub longer_px: f64,
     /// Width of a pixel, mm.
     pub mm_per_px: f64,
-    /// Radius of the ball, mm; the median of all presses.
+    /// Radius of the ball, mm; median over presses.
     pub ball_mm: f64,
-    /// Radius of the disc over that of the ball where a pixel is 1 mm wide; the median of all presses.
+    /// Radius of the disc over that of the ball, per mm of pixel size; median over presses. Multiplied by the pixel
+    /// size it is the ratio.
     pub disc_over_ball_per_mm: f64,
 }
 
-impl Sizes {
-    /// Those of a session.
-    pub fn of(session: &Session) -> Self {
+impl SessionSizes {
+    /// Returns the sizes of a session.
+    pub fn from_session(session: &Session) -> Self {
         let presses = &session.observations;
         let middle = |value: &dyn Fn(usize) -> f64| {
             median(&(0..presses.len()).map(value).collect::<Vec<_>>()).unwrap_or(f64::NAN)
@@ -64,17 +66,20 @@ impl Sizes {
         }
     }
 
+    /// Returns the longer side of the view, mm.
     fn view_mm(&self) -> f64 {
         self.longer_px * self.mm_per_px
     }
 
-    /// Radius of the disc over that of the ball.
+    /// Returns the radius of the disc over that of the ball.
     pub fn disc_over_ball(&self) -> f64 {
         self.disc_over_ball_per_mm * self.mm_per_px
     }
 
-    fn read(&self, pixel: fn(f64) -> f64, ball: fn(f64) -> f64) -> Self {
+    /// Returns the sizes as they would be had pixel size and ball been written in other units.
+    fn with_units(&self, pixel: fn(f64) -> f64, ball: fn(f64) -> f64) -> Self {
         let ball_mm = ball(self.ball_mm);
+        // The disc was measured in pixels, so that another unit of the ball changes the ratio.
         let disc_over_ball_per_mm = self.disc_over_ball_per_mm * self.ball_mm / ball_mm;
         Self { mm_per_px: pixel(self.mm_per_px), ball_mm, disc_over_ball_per_mm, ..*self }
     }
@@ -91,22 +96,25 @@ impl Sizes {
         views.contains(&self.view_mm()) && balls.contains(&self.ball_mm) && discs.contains(&self.disc_over_ball())
     }
 
-    /// True if all is right but for discs that are up to three times as wide as their balls.
+    /// Returns true if everything is plausible, except that discs are up to three times as wide as their balls.
     fn are_doubled(&self) -> bool {
         let [views, balls, _] = LIKELY;
         self.are_within([views, balls, DOUBLED])
     }
 }
 
-/// What speaks against the sizes of a session; `named` is the view of the sensor that it was said to be, mm.
-pub fn findings(session: &Session, named: Option<(&str, [f64; 2])>) -> Vec<Diagnostic> {
-    let sizes = Sizes::of(session);
-    let mut found = judged(&sizes);
+/// Checks the sizes of a session; empty if nothing is wrong. `named` is the name of a known sensor and its view, mm.
+pub fn judge_scale(session: &Session, named: Option<(&str, [f64; 2])>) -> Vec<Diagnostic> {
+    let sizes = SessionSizes::from_session(session);
+    let mut found = judge_sizes(&sizes);
     if let Some((name, view_mm)) = named.filter(|_| found.is_empty()) {
         let own = view_mm[0].max(view_mm[1]);
         if !OTHER_VIEW.contains(&(sizes.view_mm() / own)) {
-            let message =
-                format!("the view is {} mm long, and that of {name} {} mm", shown(sizes.view_mm()), shown(own));
+            let message = format!(
+                "the view is {} mm long, and that of {name} {} mm",
+                format_value(sizes.view_mm()),
+                format_value(own)
+            );
             let help = "check `mm_per_px` in the table, and --sensor: stiffness, and all else that is not fitted, come from there";
             found.push(Diagnostic::warning(message).help(help));
         }
@@ -114,22 +122,23 @@ pub fn findings(session: &Session, named: Option<(&str, [f64; 2])>) -> Vec<Diagn
     found
 }
 
-/// What speaks against the view of a calibration that was taken over; `column` is where the size of its pixels stands.
-pub fn view(column: &str, longer_px: f64, mm_per_px: f64) -> Option<Diagnostic> {
+/// Checks the view of a calibration that another tool wrote. `column` names the place of its pixel size. `None` if it
+/// is plausible.
+pub fn judge_view(column: &str, longer_px: f64, mm_per_px: f64) -> Option<Diagnostic> {
     let view_mm = longer_px * mm_per_px;
     if VIEWS_MM.contains(&view_mm) {
         return None;
     }
     let [views, ..] = LIKELY;
     let readings = PIXELS.into_iter().map(|(unit, pixel)| (unit, pixel(mm_per_px)));
-    let likely: Vec<(&str, f64)> = readings.filter(|(_, pitch)| views.contains(&(longer_px * pitch))).collect();
-    let so = format!("the view is {} mm long", shown(view_mm));
+    let likely: Vec<(&str, f64)> = readings.filter(|(_, mm)| views.contains(&(longer_px * mm))).collect();
+    let so = format!("the view is {} mm long", format_value(view_mm));
     let found = match likely.as_slice() {
-        [] => Diagnostic::new(format!("{so}, which no sensor's is"))
+        [] => Diagnostic::new(format!("{so}, a size that no sensor has"))
             .help(format!("check {column}: it is in mm per pixel")),
         likely => {
             let units: Vec<&str> = likely.iter().map(|(unit, _)| *unit).collect();
-            let values: Vec<String> = likely.iter().map(|(_, value)| digits(*value, 6)).collect();
+            let values: Vec<String> = likely.iter().map(|(_, value)| format_digits(*value, 6)).collect();
             Diagnostic::new(format!("{column} looks like {}: {so}", units.join(" or ")))
                 .help(format!("write it in mm per pixel: {}", values.join(" or ")))
         }
@@ -137,31 +146,34 @@ pub fn view(column: &str, longer_px: f64, mm_per_px: f64) -> Option<Diagnostic> 
     Some(found)
 }
 
-/// What speaks against sizes.
-pub fn judged(sizes: &Sizes) -> Vec<Diagnostic> {
+/// Checks sizes, and names the units that would make them plausible. Empty if the sizes are plausible.
+pub fn judge_sizes(sizes: &SessionSizes) -> Vec<Diagnostic> {
     if sizes.are_usual() {
         return Vec::new();
     }
     const SAME: fn(f64) -> f64 = |x| x;
+    // A disc as wide as a diameter would be plausible with some other unit, too: the likelier mistake is `radius_px`,
+    // so no unit is tried.
     let units = if sizes.are_doubled() { 0 } else { usize::MAX };
-    let pixels = PIXELS.into_iter().take(units).filter(|(_, pixel)| sizes.read(*pixel, SAME).are_likely());
+    let pixels = PIXELS.into_iter().take(units).filter(|(_, pixel)| sizes.with_units(*pixel, SAME).are_likely());
     let pixels: Vec<(&str, f64)> = pixels.map(|(unit, pixel)| (unit, pixel(sizes.mm_per_px))).collect();
-    let balls = BALLS.into_iter().take(units).filter(|(_, ball)| sizes.read(SAME, *ball).are_likely());
+    let balls = BALLS.into_iter().take(units).filter(|(_, ball)| sizes.with_units(SAME, *ball).are_likely());
     let balls: Vec<(&str, f64)> = balls.map(|(unit, ball)| (unit, ball(sizes.ball_mm))).collect();
-    let (view, ball, disc) = (shown(sizes.view_mm()), shown(sizes.ball_mm), shown(sizes.disc_over_ball()));
+    let (view, ball, disc) =
+        (format_value(sizes.view_mm()), format_value(sizes.ball_mm), format_value(sizes.disc_over_ball()));
     let so = format!("the view is {view} mm long, a ball's radius {ball} mm, and the radius of a disc {disc} of that");
     let unit = |column: &str, written: f64, readings: &[(&str, f64)]| {
         let units: Vec<&str> = readings.iter().map(|(unit, _)| *unit).collect();
-        let values: Vec<String> = readings.iter().map(|(_, value)| digits(*value, 6)).collect();
+        let values: Vec<String> = readings.iter().map(|(_, value)| format_digits(*value, 6)).collect();
         let message = format!("`{column}` looks like {}: {so}", units.join(" or "));
-        let help = format!("write `{column}` in mm: {} in place of {}", values.join(" or "), digits(written, 6));
+        let help = format!("write `{column}` in mm: {} in place of {}", values.join(" or "), format_digits(written, 6));
         Diagnostic::new(message).help(help)
     };
     match (pixels.as_slice(), balls.as_slice()) {
         ([], []) => {}
         (pixels, []) => return vec![unit("mm_per_px", sizes.mm_per_px, pixels)],
         ([], balls) => return vec![unit("ball_radius_mm", sizes.ball_mm, balls)],
-        // Either would do: the one that is out of its own range is the wrong one.
+        // Either unit would explain the sizes: the column whose own size is out of range is the wrong one.
         (pixels, balls) => {
             return if VIEWS_MM.contains(&sizes.view_mm()) {
                 vec![unit("ball_radius_mm", sizes.ball_mm, balls)]
@@ -170,9 +182,10 @@ pub fn judged(sizes: &Sizes) -> Vec<Diagnostic> {
             };
         }
     }
+    // No single unit explains the sizes: try one for each column.
     for (pixel_unit, pixel) in PIXELS.into_iter().take(units) {
         for (ball_unit, ball) in BALLS {
-            if sizes.read(pixel, ball).are_likely() {
+            if sizes.with_units(pixel, ball).are_likely() {
                 return vec![
                     unit("mm_per_px", sizes.mm_per_px, &[(pixel_unit, pixel(sizes.mm_per_px))]),
                     unit("ball_radius_mm", sizes.ball_mm, &[(ball_unit, ball(sizes.ball_mm))]),
@@ -193,12 +206,12 @@ pub fn judged(sizes: &Sizes) -> Vec<Diagnostic> {
     vec![Diagnostic::new(format!("the sizes in the table cannot be right: {so}")).help(help)]
 }
 
-fn shown(value: f64) -> String {
-    digits(value, 3)
+fn format_value(value: f64) -> String {
+    format_digits(value, 3)
 }
 
-/// So many digits that count.
-fn digits(value: f64, count: i32) -> String {
+/// Formats a number with `count` significant digits.
+fn format_digits(value: f64, count: i32) -> String {
     if !value.is_finite() || value == 0.0 {
         return format!("{value}");
     }
@@ -213,14 +226,14 @@ mod tests {
     use super::*;
 
     /// 160 px, and a ball of 4 mm with discs of 15 px.
-    fn sizes(mm_per_px: f64, ball_mm: f64) -> Sizes {
-        Sizes { longer_px: 160.0, mm_per_px, ball_mm, disc_over_ball_per_mm: 15.0 / ball_mm }
+    fn sizes(mm_per_px: f64, ball_mm: f64) -> SessionSizes {
+        SessionSizes { longer_px: 160.0, mm_per_px, ball_mm, disc_over_ball_per_mm: 15.0 / ball_mm }
     }
 
     fn said(mm_per_px: f64, ball_mm: f64) -> Vec<(String, String)> {
-        judged(&sizes(mm_per_px, ball_mm))
+        judge_sizes(&sizes(mm_per_px, ball_mm))
             .into_iter()
-            .map(|found| (found.text(), found.help.unwrap_or_default()))
+            .map(|found| (found.full_message(), found.help.unwrap_or_default()))
             .collect()
     }
 

@@ -11,73 +11,74 @@ use maud::{Markup, html};
 use crate::compare::score::{Score, Scores};
 use crate::page;
 use crate::presses::Circle;
-use crate::preview::difference;
+use crate::preview::amplify_difference;
 use gelsim_files::png::encode_rgb;
 
-/// Width of the pictures of a press, px, at most.
+/// Largest width of the pictures of a press, px.
 const PANEL_PX: u32 = 320;
-/// What a difference is multiplied by.
+/// Factor by which differences are amplified.
 const GAIN: i32 = 4;
 
-/// What the page shows.
+/// Content of the page.
 #[derive(Clone, Debug)]
-pub struct Page<'a> {
+pub struct CalibrationPage<'a> {
     /// The sensor's name.
     pub sensor: &'a str,
-    /// What the fit is worth, in a sentence, and whether that is nothing.
+    /// What the fit is worth, in a sentence; true if it is worth nothing.
     pub verdict: (String, bool),
-    /// The table at its top: what, and its figure with unit.
+    /// The table at the top: names, and values with units.
     pub summary: &'a [(String, String)],
-    /// Sentences for people to heed; may be empty.
+    /// Warnings as sentences; may be empty.
     pub warnings: &'a [String],
-    /// In the order of the table that they come from; may be empty. Images of one press are of one size.
+    /// Presses in the order of their table; may be empty. The two images of a press are of one size.
     pub presses: &'a [PressPanel],
-    /// Pictures of the fitted colour over normal directions, each with what it shows.
+    /// Pictures of the fitted colour over normal directions, with captions.
     pub normals: &'a [(String, RgbImage)],
 }
 
-/// A press and what the fit makes of it.
+/// A press: the real image, and the simulated one of a fit that did not see it.
 #[derive(Clone, Debug)]
 pub struct PressPanel {
-    /// Its image's name.
+    /// Name of the image's file.
     pub file: String,
-    /// The image.
+    /// The real image.
     pub real: RgbImage,
-    /// The simulated one, of a fit that did not see this press.
+    /// The simulated image.
     pub simulated: RgbImage,
     /// Where the ball touched.
     pub circle: Option<Circle>,
-    /// How far the two images are apart.
+    /// Differences between the two images.
     pub scores: Scores,
     /// Why the press may be unusable; empty if nothing speaks against it.
     pub outlier_reasons: Vec<String>,
 }
 
 impl PressPanel {
-    /// By which presses are ranked: mean absolute error around the contact, or of the whole image without one.
-    fn error(&self) -> f64 {
+    /// Returns the error by which presses are ranked: the mean absolute error around the contact, or of the whole image
+    /// without a circle.
+    fn ranking_error(&self) -> f64 {
         self.scores.contact.unwrap_or(self.scores.full_image).mae
     }
 }
 
-impl Page<'_> {
-    /// The complete file.
-    pub fn html(&self) -> String {
+impl CalibrationPage<'_> {
+    /// Renders the complete file.
+    pub fn to_html(&self) -> String {
         let mut ranked: Vec<&PressPanel> = self.presses.iter().collect();
-        ranked.sort_by(|a, b| a.error().total_cmp(&b.error()));
+        ranked.sort_by(|a, b| a.ranking_error().total_cmp(&b.ranking_error()));
         let (verdict, is_hopeless) = &self.verdict;
         let body = html! {
-            p.bad[*is_hopeless] { b { (sentence(verdict)) } }
-            (page::facts(self.summary))
-            (page::warnings(self.warnings))
-            (self.plots(&ranked))
-            (self.normals())
-            (presses(&ranked))
+            p.bad[*is_hopeless] { b { (to_sentence(verdict)) } }
+            (page::render_facts(self.summary))
+            (page::render_warnings(self.warnings))
+            (self.render_plots(&ranked))
+            (self.render_normals())
+            (render_presses(&ranked))
         };
-        page::document(&format!("Calibration of {}", self.sensor), &body)
+        page::render_document(&format!("Calibration of {}", self.sensor), &body)
     }
 
-    fn plots(&self, ranked: &[&PressPanel]) -> Markup {
+    fn render_plots(&self, ranked: &[&PressPanel]) -> Markup {
         let Some(typical) = ranked.get(ranked.len() / 2) else { return Markup::default() };
         html! {
             h2 { "Errors" }
@@ -85,38 +86,38 @@ impl Page<'_> {
                 "Mean absolute error in grey levels (0 to 255) around the contact; each press was simulated by a fit that did not "
                 "see it. Red: presses that may be unusable."
             }
-            @for plot in [plots::errors(self.presses), plots::by_radius(self.presses), plots::places(self.presses)] {
-                (page::figure(plot, ""))
+            @for plot in [plots::plot_errors(self.presses), plots::plot_error_by_radius(self.presses), plots::plot_circles(self.presses)] {
+                (page::render_figure(plot, ""))
             }
             h2 { "Colour through a typical press" }
             p {
                 (typical.file) ", the press of median error: real (solid) and simulated (dashed) through the circle's centre; grey "
                 "lines are its rim."
             }
-            @for plot in plots::profiles(typical) { (page::figure(plot, "")) }
+            @for plot in plots::plot_profiles(typical) { (page::render_figure(plot, "")) }
         }
     }
 
-    fn normals(&self) -> Markup {
+    fn render_normals(&self) -> Markup {
         html! {
             @if !self.normals.is_empty() {
                 h2 { "Fitted colour of normal directions" }
                 p { "The middle of a disc is the flat pad, its sides are slopes to these sides." }
-                @for (what, image) in self.normals { (page::figure(html! { img src=(uri(image)) alt=""; }, what)) }
+                @for (what, image) in self.normals { (page::render_figure(html! { img src=(image_data_uri(image)) alt=""; }, what)) }
             }
         }
     }
 }
 
-/// With a capital letter and a full stop.
-fn sentence(text: &str) -> String {
+/// Makes a sentence: adds a capital letter and a full stop.
+fn to_sentence(text: &str) -> String {
     let mut characters = text.chars();
     let first = characters.next().map(|first| first.to_uppercase().to_string());
     format!("{}{}.", first.unwrap_or_default(), characters.as_str())
 }
 
-/// All presses, from the best to the worst.
-fn presses(ranked: &[&PressPanel]) -> Markup {
+/// Renders all presses, from the best to the worst.
+fn render_presses(ranked: &[&PressPanel]) -> Markup {
     html! {
         @if !ranked.is_empty() {
             h2 { "Presses, best first" }
@@ -124,11 +125,11 @@ fn presses(ranked: &[&PressPanel]) -> Markup {
         }
         @for shown in ranked {
             section {
-                @for image in [&shown.real, &shown.simulated, &difference(&shown.real, &shown.simulated, GAIN)] {
-                    (panel(image, shown.circle.as_ref())) " "
+                @for image in [&shown.real, &shown.simulated, &amplify_difference(&shown.real, &shown.simulated, GAIN)] {
+                    (render_panel(image, shown.circle.as_ref())) " "
                 }
                 p {
-                    b { (shown.file) } " " (scores(&shown.scores))
+                    b { (shown.file) } " " (format_scores(&shown.scores))
                     @for reason in &shown.outlier_reasons { br; span.bad { (reason) } }
                 }
             }
@@ -136,7 +137,7 @@ fn presses(ranked: &[&PressPanel]) -> Markup {
     }
 }
 
-fn scores(scores: &Scores) -> String {
+fn format_scores(scores: &Scores) -> String {
     let text = |name: &str, score: &Score| {
         let psnr = score.psnr_db.map_or(String::from("no difference"), |psnr| format!("PSNR {psnr:.1} dB"));
         format!("{name}: MAE {:.2}, {psnr}, SSIM {:.3}", score.mae, score.ssim)
@@ -145,15 +146,15 @@ fn scores(scores: &Scores) -> String {
     contact + &text("whole image", &scores.full_image)
 }
 
-/// An image with the circle over it, as SVG, so that both are sharp at any size.
-fn panel(image: &RgbImage, circle: Option<&Circle>) -> Markup {
+/// Draws an image with the circle over it, as SVG, so that the circle is sharp at any size.
+fn render_panel(image: &RgbImage, circle: Option<&Circle>) -> Markup {
     let (width, height) = image.dimensions();
     let shown = width.clamp(1, PANEL_PX);
     let tall = (u64::from(height) * u64::from(shown) / u64::from(width.max(1))).max(1) as u32;
     let resized = (shown < width).then(|| imageops::resize(image, shown, tall, FilterType::Triangle));
     html! {
         svg width=(shown) height=(tall) viewBox={ "0 0 " (width) " " (height) } {
-            image width=(width) height=(height) href=(uri(resized.as_ref().unwrap_or(image))) {}
+            image width=(width) height=(height) href=(image_data_uri(resized.as_ref().unwrap_or(image))) {}
             @if let Some(Circle { centre_px: [x, y], radius_px }) = circle {
                 circle cx=(format!("{:.2}", x + 0.5)) cy=(format!("{:.2}", y + 0.5)) r=(format!("{radius_px:.2}"))
                     fill="none" stroke="#fff" stroke-width="1" vector-effect="non-scaling-stroke" {}
@@ -162,9 +163,9 @@ fn panel(image: &RgbImage, circle: Option<&Circle>) -> Markup {
     }
 }
 
-/// An image as the address of itself.
-fn uri(image: &RgbImage) -> String {
-    page::uri(&encode_rgb(image.width() as usize, image.height() as usize, image.as_raw()))
+/// Encodes an image as the `data:` address of a PNG file.
+fn image_data_uri(image: &RgbImage) -> String {
+    page::png_data_uri(&encode_rgb(image.width() as usize, image.height() as usize, image.as_raw()))
 }
 
 #[cfg(test)]
@@ -172,12 +173,12 @@ mod tests {
     use image::Rgb;
 
     use super::*;
-    use crate::compare::score::score;
+    use crate::compare::score::score_images;
 
     fn shown(number: u32, circle: Option<Circle>, outlier_reasons: Vec<String>) -> PressPanel {
         let real = RgbImage::from_fn(64, 48, |x, y| Rgb([(4 * x) as u8, (5 * y) as u8, 100]));
         let simulated = RgbImage::from_fn(64, 48, |x, y| Rgb([(4 * x) as u8, (5 * y) as u8, 100 + number as u8]));
-        let scores = score(&real, &simulated, circle.as_ref(), 1.3);
+        let scores = score_images(&real, &simulated, circle.as_ref(), 1.3);
         PressPanel { file: format!("images/{number:04}.png"), real, simulated, circle, scores, outlier_reasons }
     }
 
@@ -186,8 +187,15 @@ mod tests {
         let normals = [(String::from("middle"), RgbImage::from_pixel(9, 9, Rgb([9, 8, 7])))];
         let warnings = [String::from("\"0003.png\" <looks> odd")];
         let verdict = (String::from("the fit explains 81 % & more"), false);
-        Page { sensor: "my <sensor>", verdict, summary: &summary, warnings: &warnings, presses, normals: &normals }
-            .html()
+        CalibrationPage {
+            sensor: "my <sensor>",
+            verdict,
+            summary: &summary,
+            warnings: &warnings,
+            presses,
+            normals: &normals,
+        }
+        .to_html()
     }
 
     #[test]
@@ -232,8 +240,10 @@ mod tests {
     #[test]
     fn large_images_are_shown_smaller_and_differences_around_grey() {
         let image = RgbImage::from_pixel(1000, 500, Rgb([10, 20, 250]));
-        assert!(panel(&image, None).0.starts_with("<svg width=\"320\" height=\"160\" viewBox=\"0 0 1000 500\">"));
+        assert!(
+            render_panel(&image, None).0.starts_with("<svg width=\"320\" height=\"160\" viewBox=\"0 0 1000 500\">")
+        );
         let other = RgbImage::from_pixel(1000, 500, Rgb([11, 10, 0]));
-        assert_eq!(difference(&image, &other, GAIN).get_pixel(3, 4).0, [132, 88, 0]);
+        assert_eq!(amplify_difference(&image, &other, GAIN).get_pixel(3, 4).0, [132, 88, 0]);
     }
 }

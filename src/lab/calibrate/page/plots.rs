@@ -1,62 +1,66 @@
-//! The plots of the page, as SVG; axes are linear and from 0.
+//! Draws the plots of the page, as SVG. Axes are linear and start at 0.
 
 use maud::Markup;
 
 use super::PressPanel;
-use crate::page::canvas::{Align, Canvas, Colour, Point, Shape};
-use crate::page::plot::{FAINT, GREY, Plot, TEXT, TITLE};
+use crate::page::canvas::{Canvas, Colour, Point, Shape, TextAlign};
+use crate::page::plot::{FAINT, GREY, Plot, TEXT_STYLE, TITLE_STYLE};
 use crate::presses::Circle;
 
 const BLUE: Colour = [0, 114, 178];
 const RED: Colour = [196, 30, 40];
 const CHANNELS: [Colour; 3] = [[204, 50, 50], [0, 140, 90], [40, 90, 200]];
 
-/// A plot with axes from 0 to `ends`.
-fn from_zero(size: [f64; 2], title: &str, names: [&str; 2], ends: [f64; 2]) -> Plot {
+/// Makes a plot with axes from 0 to `ends`.
+fn plot_from_zero(size: [f64; 2], title: &str, names: [&str; 2], ends: [f64; 2]) -> Plot {
     Plot::new(size, title, names, ends.map(|end| [0.0, end]))
 }
 
-fn dot(plot: &mut Plot, at: Point, shown: &PressPanel) {
-    let at = plot.place(at);
-    let hint = format!("{}: {:.2}", shown.file, shown.error());
-    plot.canvas.hinted(&hint, |canvas| mark(canvas, at, shown));
+fn draw_dot(plot: &mut Plot, at: Point, shown: &PressPanel) {
+    let at = plot.to_canvas(at);
+    let hint = format!("{}: {:.2}", shown.file, shown.ranking_error());
+    plot.canvas.draw_with_hint(&hint, |canvas| draw_mark(canvas, at, shown));
 }
 
-fn mark(canvas: &mut Canvas, at: Point, shown: &PressPanel) {
+fn draw_mark(canvas: &mut Canvas, at: Point, shown: &PressPanel) {
     let (shape, colour) = if shown.outlier_reasons.is_empty() { (Shape::Circle, BLUE) } else { (Shape::Diamond, RED) };
-    canvas.mark(shape, at, 4.0, colour, [255; 3]);
+    canvas.draw_mark(shape, at, 4.0, colour, [255; 3]);
 }
 
-fn largest(values: impl Iterator<Item = f64>) -> f64 {
+fn largest_finite(values: impl Iterator<Item = f64>) -> f64 {
     values.filter(|value| value.is_finite()).fold(0.0, f64::max)
 }
 
-/// Error of each press, in the table's order.
-pub(super) fn errors(presses: &[PressPanel]) -> Markup {
-    let ends = [presses.len() as f64 + 0.5, 1.08 * largest(presses.iter().map(PressPanel::error))];
-    let mut plot = from_zero([480.0, 280.0], "Error of each press", ["row of the table", "grey levels"], ends);
+/// Plots the error of each press, in the table's order.
+pub(super) fn plot_errors(presses: &[PressPanel]) -> Markup {
+    let ends = [presses.len() as f64 + 0.5, 1.08 * largest_finite(presses.iter().map(PressPanel::ranking_error))];
+    let mut plot = plot_from_zero([480.0, 280.0], "Error of each press", ["row of the table", "grey levels"], ends);
     for (row, shown) in presses.iter().enumerate() {
         let x = row as f64 + 1.0;
-        let [from, to] = [0.0, shown.error()].map(|y| plot.place([x, y]));
-        plot.canvas.line(&[from, to], FAINT, 2.0, None);
-        dot(&mut plot, [x, shown.error()], shown);
+        let [from, to] = [0.0, shown.ranking_error()].map(|y| plot.to_canvas([x, y]));
+        plot.canvas.draw_line(&[from, to], FAINT, 2.0, None);
+        draw_dot(&mut plot, [x, shown.ranking_error()], shown);
     }
-    plot.svg()
+    plot.to_svg()
 }
 
-/// Error against the radius of the contact.
-pub(super) fn by_radius(presses: &[PressPanel]) -> Markup {
+/// Plots the error against the radius of the circle.
+pub(super) fn plot_error_by_radius(presses: &[PressPanel]) -> Markup {
     let radius = |shown: &PressPanel| shown.circle.map_or(f64::NAN, |circle| circle.radius_px);
-    let ends = [1.08 * largest(presses.iter().map(radius)), 1.08 * largest(presses.iter().map(PressPanel::error))];
-    let mut plot = from_zero([480.0, 280.0], "Error against radius", ["radius of the circle, px", "grey levels"], ends);
+    let ends = [
+        1.08 * largest_finite(presses.iter().map(radius)),
+        1.08 * largest_finite(presses.iter().map(PressPanel::ranking_error)),
+    ];
+    let mut plot =
+        plot_from_zero([480.0, 280.0], "Error against radius", ["radius of the circle, px", "grey levels"], ends);
     for shown in presses.iter().filter(|shown| radius(shown).is_finite()) {
-        dot(&mut plot, [radius(shown), shown.error()], shown);
+        draw_dot(&mut plot, [radius(shown), shown.ranking_error()], shown);
     }
-    plot.svg()
+    plot.to_svg()
 }
 
-/// Circles in the frame of the image, darker where the error is larger.
-pub(super) fn places(presses: &[PressPanel]) -> Markup {
+/// Plots the circles in the frame of the image, darker where the error is larger.
+pub(super) fn plot_circles(presses: &[PressPanel]) -> Markup {
     let [width, height] = presses.first().map_or([4.0, 3.0], |shown| {
         let (width, height) = shown.real.dimensions();
         [width, height].map(|px| f64::from(px.max(1)))
@@ -65,45 +69,52 @@ pub(super) fn places(presses: &[PressPanel]) -> Markup {
     let (left, top) = (8.0, 46.0);
     let corner = [left + scale * width, top + scale * height];
     let mut canvas = Canvas::new(480.0, corner[1] + 10.0);
-    let worst = largest(presses.iter().map(PressPanel::error));
-    canvas.text([left, 18.0], "Where the presses are", TITLE, Align::Left);
-    canvas.text([left, 36.0], &format!("pale: error 0; dark: {worst:.1} grey levels; red: suspect"), TEXT, Align::Left);
-    canvas.line(&[[left, top], [corner[0], top], corner, [left, corner[1]], [left, top]], GREY, 1.0, None);
+    let worst = largest_finite(presses.iter().map(PressPanel::ranking_error));
+    canvas.draw_text([left, 18.0], "Where the presses are", TITLE_STYLE, TextAlign::Left);
+    canvas.draw_text(
+        [left, 36.0],
+        &format!("pale: error 0; dark: {worst:.1} grey levels; red: suspect"),
+        TEXT_STYLE,
+        TextAlign::Left,
+    );
+    canvas.draw_line(&[[left, top], [corner[0], top], corner, [left, corner[1]], [left, top]], GREY, 1.0, None);
     for shown in presses {
-        let Some(circle) = shown.circle.filter(|circle| in_reach(circle, [width, height])) else { continue };
+        let Some(circle) = shown.circle.filter(|circle| may_be_in_view(circle, [width, height])) else { continue };
         let [x, y] = circle.centre_px.map(|at| scale * (at + 0.5));
         let radius = scale * circle.radius_px;
         let points: Vec<Point> = (0..=48)
             .map(|step| {
                 let angle = std::f64::consts::TAU * f64::from(step) / 48.0;
-                // What lies out of view is drawn along the border.
+                // Points out of view are moved onto the border, so that the line stays in the frame.
                 let at = [x + radius * libm::cos(angle), y + radius * libm::sin(angle)];
                 [left + at[0].clamp(0.0, scale * width), top + at[1].clamp(0.0, scale * height)]
             })
             .collect();
-        let fraction = if worst > 0.0 { (shown.error() / worst).clamp(0.0, 1.0) } else { 0.0 };
+        let fraction = if worst > 0.0 { (shown.ranking_error() / worst).clamp(0.0, 1.0) } else { 0.0 };
         let shade = |pale: f64, dark: f64| (pale + fraction * (dark - pale)).round() as u8;
         let colour = if shown.outlier_reasons.is_empty() {
             [shade(190.0, 0.0), shade(215.0, 40.0), shade(240.0, 110.0)]
         } else {
             RED
         };
-        canvas
-            .hinted(&format!("{}: {:.2}", shown.file, shown.error()), |canvas| canvas.line(&points, colour, 2.0, None));
+        canvas.draw_with_hint(&format!("{}: {:.2}", shown.file, shown.ranking_error()), |canvas| {
+            canvas.draw_line(&points, colour, 2.0, None)
+        });
     }
-    canvas.svg()
+    canvas.to_svg()
 }
 
-/// True if a part of the circle may be in view.
-fn in_reach(circle: &Circle, size: [f64; 2]) -> bool {
+/// Returns true if a part of the circle may be in view, and the circle is not absurdly large.
+fn may_be_in_view(circle: &Circle, size: [f64; 2]) -> bool {
     (0..2).all(|k| {
         let (at, radius) = (circle.centre_px[k], circle.radius_px);
         at + radius >= 0.0 && at - radius <= size[k] && radius < 4.0 * size[k]
     })
 }
 
-/// Red, green and blue along the row and along the column through the centre of the circle, or of the image without one.
-pub(super) fn profiles(shown: &PressPanel) -> [Markup; 2] {
+/// Plots red, green and blue along the row and along the column through the centre of the circle, or of the image
+/// without one.
+pub(super) fn plot_profiles(shown: &PressPanel) -> [Markup; 2] {
     let size = [shown.real.width().min(shown.simulated.width()), shown.real.height().min(shown.simulated.height())];
     let middle = size.map(|size| f64::from(size) / 2.0);
     let centre = shown.circle.map_or(middle, |circle| circle.centre_px);
@@ -113,12 +124,13 @@ pub(super) fn profiles(shown: &PressPanel) -> [Markup; 2] {
         let line = centre[across].round().clamp(0.0, f64::from(size[across].max(1) - 1)) as u32;
         let (title, name) = titles[along];
         let ends = [f64::from(size[along]), 255.0];
-        let mut plot = from_zero([480.0, 300.0], title, [name, "grey levels"], ends);
+        let mut plot = plot_from_zero([480.0, 300.0], title, [name, "grey levels"], ends);
         for side in shown.circle.iter().flat_map(|circle| [-1.0, 1.0].map(|side| (side, circle.radius_px))) {
+            // Pixel k is drawn at k + 0.5, its centre.
             let at = centre[along] + 0.5 + side.0 * side.1;
             if at >= 0.0 && at <= ends[0] {
-                let ends = [plot.place([at, 0.0]), plot.place([at, 255.0])];
-                plot.canvas.line(&ends, GREY, 1.0, None);
+                let ends = [plot.to_canvas([at, 0.0]), plot.to_canvas([at, 255.0])];
+                plot.canvas.draw_line(&ends, GREY, 1.0, None);
             }
         }
         for (image, dash) in [(&shown.real, None), (&shown.simulated, Some(4))] {
@@ -128,10 +140,10 @@ pub(super) fn profiles(shown: &PressPanel) -> [Markup; 2] {
                     image.get_pixel(x, y).0[channel]
                 };
                 let points: Vec<Point> =
-                    (0..size[along]).map(|at| plot.place([f64::from(at) + 0.5, f64::from(level(at))])).collect();
-                plot.canvas.line(&points, colour, 1.4, dash);
+                    (0..size[along]).map(|at| plot.to_canvas([f64::from(at) + 0.5, f64::from(level(at))])).collect();
+                plot.canvas.draw_line(&points, colour, 1.4, dash);
             }
         }
-        plot.svg()
+        plot.to_svg()
     })
 }

@@ -1,25 +1,25 @@
-//! The tables of the report: effects, health, time, size.
+//! Tables in the report: effects, health, time, size.
 
 use maud::{Markup, html};
 
 use crate::numbers::{HumanBytes, HumanCount};
 
-use super::figures::{drawn, section};
-use super::{fraction, total};
+use super::figures::{render_histogram, render_quantities};
+use super::{format_share, total_count};
 use crate::page;
-use crate::report::Dataset;
+use crate::report::DatasetReport;
 use crate::report::gather::{DatasetStats, Reasons};
-use crate::report::quantities::About;
+use crate::report::quantities::QuantityTopic;
 use gelsim_core::effects::Effect;
-use gelsim_files::figures::{figure, percent};
+use gelsim_files::number_format::{format_number, format_percent};
 use gelsim_job::config::output::Output;
-use gelsim_job::layers::{Form, OutputLayer};
+use gelsim_job::layers::{LayerForm, OutputLayer};
 
-/// Reasons of an effect that are named.
-const MOST_REASONS: usize = 3;
+/// Most reasons of an effect that are named.
+const MAX_REASONS: usize = 3;
 
-/// How often each effect ran, what it took, and why.
-pub(super) fn effects(gathered: &DatasetStats) -> Markup {
+/// Renders how often each effect ran, its CPU time, and the reasons.
+pub(super) fn render_effects(gathered: &DatasetStats) -> Markup {
     let row = |effect: Effect| {
         let reasons = &gathered.reasons[effect];
         let number = |wanted: bool| reasons.iter().filter(|((ran, _), _)| *ran == wanted).map(|(_, count)| count).sum();
@@ -28,34 +28,34 @@ pub(super) fn effects(gathered: &DatasetStats) -> Markup {
         let mut ranked: Vec<(&str, u64)> = reasons.iter().map(|((_, why), count)| (why.as_str(), *count)).collect();
         ranked.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
         let why = |(why, count): &(&str, u64)| format!("{why} ({})", HumanCount(*count));
-        let mut why: Vec<String> = ranked.iter().take(MOST_REASONS).map(why).collect();
-        if ranked.len() > MOST_REASONS {
+        let mut why: Vec<String> = ranked.iter().take(MAX_REASONS).map(why).collect();
+        if ranked.len() > MAX_REASONS {
             why.push(String::from("\u{2026}"));
         }
         let took = match (effect, ran) {
             (_, 0) => String::from("-"),
-            // Computed in the same loop.
+            // Darkening is part of the loop of shading, so it has no time of its own.
             (Effect::Darkening, _) => String::from("with shading"),
-            _ => seconds_text(seconds),
+            _ => format_seconds(seconds),
         };
         vec![
             html! { (effect.name().replace('_', " ")) },
             html! { (HumanCount(ran)) },
             html! { (HumanCount(skipped)) },
-            html! { (fraction(ran, ran + skipped)) },
+            html! { (format_share(ran, ran + skipped)) },
             html! { (took) },
-            page::words(why.join("; ")),
+            page::render_text_cell(why.join("; ")),
         ]
     };
     let [ran, skipped, share, seconds] = ["ran", "skipped", "share", "CPU s"].map(|name| html! { (name) });
-    let head = [html! { "effect" }, ran, skipped, share, seconds, page::words("why, and why not")];
-    html! { h2 { "Effects" } (page::table(head, Effect::ALL.map(row))) }
+    let head = [html! { "effect" }, ran, skipped, share, seconds, page::render_text_cell("why, and why not")];
+    html! { h2 { "Effects" } (page::render_table(head, Effect::ALL.map(row))) }
 }
 
-/// What is unsound, and how the contacts were solved.
-pub(super) fn health(gathered: &DatasetStats) -> Markup {
-    let samples = total(&gathered.samples);
-    let of_samples = |count: u64| format!("{} ({})", HumanCount(count), fraction(count, samples));
+/// Renders health, and how the contacts were solved.
+pub(super) fn render_health(gathered: &DatasetStats) -> Markup {
+    let samples = total_count(&gathered.samples);
+    let of_samples = |count: u64| format!("{} ({})", HumanCount(count), format_share(count, samples));
     let [clipped, saturated, too_thick] = gathered.pixels;
     let rows = [
         ("healthy samples", of_samples(samples - gathered.unhealthy.total())),
@@ -69,25 +69,32 @@ pub(super) fn health(gathered: &DatasetStats) -> Markup {
     ];
     let kinds =
         [("not healthy", &gathered.unhealthy), ("not solved", &gathered.unconverged), ("rejected", &gathered.rejected)];
-    let reasons: Vec<Vec<Markup>> = kinds.iter().flat_map(|(what, reasons)| reason_rows(what, reasons)).collect();
-    let head = [html! { "what" }, page::words("why"), html! { "times" }, page::words("first keys")];
+    let reasons: Vec<Vec<Markup>> =
+        kinds.iter().flat_map(|(what, reasons)| render_reason_rows(what, reasons)).collect();
+    let head =
+        [html! { "what" }, page::render_text_cell("why"), html! { "times" }, page::render_text_cell("first keys")];
     html! {
         h2 { "Health and numerics" }
-        (page::facts(&rows))
-        @if !reasons.is_empty() { (page::table(head, reasons)) }
-        (page::figures(section(gathered, About::Solver)))
+        (page::render_facts(&rows))
+        @if !reasons.is_empty() { (page::render_table(head, reasons)) }
+        (page::render_figures(render_quantities(gathered, QuantityTopic::Solver)))
     }
 }
 
-fn reason_rows(what: &str, reasons: &Reasons) -> Vec<Vec<Markup>> {
+fn render_reason_rows(what: &str, reasons: &Reasons) -> Vec<Vec<Markup>> {
     let row = |(why, count, keys): (&str, u64, Vec<&str>)| {
-        vec![html! { (what) }, page::words(why), html! { (HumanCount(count)) }, page::words(keys.join(", "))]
+        vec![
+            html! { (what) },
+            page::render_text_cell(why),
+            html! { (HumanCount(count)) },
+            page::render_text_cell(keys.join(", ")),
+        ]
     };
-    reasons.ranked().into_iter().map(row).collect()
+    reasons.ranked_reasons().into_iter().map(row).collect()
 }
 
-/// CPU time of each stage.
-pub(super) fn time(gathered: &DatasetStats) -> Markup {
+/// Renders the CPU time of each stage.
+pub(super) fn render_time(gathered: &DatasetStats) -> Markup {
     let totals = &gathered.totals;
     let all: f64 = totals.seconds.stages().iter().map(|(_, seconds)| seconds).sum();
     if totals.samples == 0 || all <= 0.0 {
@@ -97,28 +104,28 @@ pub(super) fn time(gathered: &DatasetStats) -> Markup {
         let part = seconds / all;
         let bar = html! { span.share style={ "width: " (format!("{:.0}", (120.0 * part).max(1.0))) "px" } {} };
         let each = 1e3 * seconds / totals.samples as f64;
-        let texts = [name.to_owned(), seconds_text(seconds), figure(each), percent(part)];
-        texts.iter().map(|text| html! { (text) }).chain([page::words(bar)]).collect()
+        let texts = [name.to_owned(), format_seconds(seconds), format_number(each), format_percent(part)];
+        texts.iter().map(|text| html! { (text) }).chain([page::render_text_cell(bar)]).collect()
     };
     let stages = totals.seconds.stages().into_iter().chain([("all", all)]);
     html! {
         h2 { "Time" }
-        (page::table(["stage", "CPU s", "ms a sample", "share", ""], stages.map(row)))
+        (page::render_table(["stage", "CPU s", "ms a sample", "share", ""], stages.map(row)))
         p.note {
-            (figure(totals.samples as f64 / all)) " samples per CPU second, from the stats of " (HumanCount(totals.shards))
+            (format_number(totals.samples as f64 / all)) " samples per CPU second, from the stats of " (HumanCount(totals.shards))
             " shards. What it took on the wall depends on the number of cores."
         }
     }
 }
 
-/// Bytes of files and shards.
-pub(super) fn size(dataset: &Dataset) -> Markup {
+/// Renders the sizes of files and shards.
+pub(super) fn render_size(dataset: &DatasetReport) -> Markup {
     let (gathered, job) = (&dataset.gathered, &dataset.recorded.job);
     let [width, height] = job.sensor.resolution_px.map(u64::from);
     let row = |(suffix, (number, bytes)): (&String, &(u64, u64))| {
         let each = bytes / (*number).max(1);
         let unpacked = bytes_per_px(suffix, &job.output).map(|bytes| bytes * width * height);
-        let ratio = unpacked.filter(|_| each > 0).map(|unpacked| figure(unpacked as f64 / each as f64));
+        let ratio = unpacked.filter(|_| each > 0).map(|unpacked| format_number(unpacked as f64 / each as f64));
         let none = || String::from("-");
         vec![
             suffix.clone(),
@@ -130,24 +137,24 @@ pub(super) fn size(dataset: &Dataset) -> Markup {
         ]
     };
     let head = ["file", "number", "in all", "each", "unpacked", "compression"];
-    let shards = || drawn("Size of a shard", ["MiB", "shards"], "shards", &gathered.totals.shard_mib);
+    let shards = || render_histogram("Size of a shard", ["MiB", "shards"], "shards", &gathered.totals.shard_mib);
     html! {
         h2 { "Size" }
-        (page::table(head, gathered.files.iter().map(row)))
-        @if gathered.totals.shards > 0 { (page::figures(shards())) }
+        (page::render_table(head, gathered.files.iter().map(row)))
+        @if gathered.totals.shards > 0 { (page::render_figures(shards())) }
     }
 }
 
-/// Bytes of a pixel in a file of a sample before it is packed, if it is an image whose kind is known.
+/// Bytes per pixel of a sample's file before compression; `None` unless it is an image of a known kind.
 fn bytes_per_px(suffix: &str, output: &Output) -> Option<u64> {
     let (layer, ending) = suffix.split_once('.')?;
     let form = match layer {
-        "tactile" => Form::Rgb,
-        layer => OutputLayer::named(layer)?.spec().form,
+        "tactile" => LayerForm::Rgb,
+        layer => OutputLayer::from_name(layer)?.spec().form,
     };
     form.bytes_per_px(ending, output.exr.pixel).map(|bytes| bytes as u64)
 }
 
-fn seconds_text(seconds: f64) -> String {
-    if seconds < 10.0 { format!("{seconds:.2}") } else { figure(seconds) }
+fn format_seconds(seconds: f64) -> String {
+    if seconds < 10.0 { format!("{seconds:.2}") } else { format_number(seconds) }
 }

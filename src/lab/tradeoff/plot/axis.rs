@@ -1,6 +1,6 @@
-//! Logarithmic axes: which values to show, where they lie, which of them to name.
+//! Logarithmic axes: their range, the pixels of values, and their ticks.
 
-/// An axis from one power of ten to another, laid over pixels. Powers instead of values: no value can overflow.
+/// A logarithmic axis over pixels. It stores powers of ten instead of values, which could overflow.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     low: f64,
@@ -12,23 +12,28 @@ pub struct Axis {
 /// A value with a line across the plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// Where, pixels.
+    /// Position, pixels.
     pub px: f64,
-    /// What is written there; none at lines that only help the eye.
+    /// Label; none at lines that only guide the eye.
     pub label: Option<String>,
-    /// True at powers of ten.
+    /// Whether it is a power of ten.
     pub decade: bool,
 }
 
-/// True if `value` has a place on a logarithmic axis.
+/// Returns true if `value` can be shown on a logarithmic axis.
 pub fn has_place(value: f64) -> bool {
     value > 0.0 && value.is_finite()
 }
 
 impl Axis {
-    /// An axis which shows all `values` that have a place (1 to 10 if none has), at least `least` decades long, with
-    /// the shares `room` of its length left free at its ends. It starts at pixel `start_px` and ends at `end_px`.
-    pub fn over(values: impl Iterator<Item = f64>, least: f64, room: [f64; 2], [start_px, end_px]: [f64; 2]) -> Self {
+    /// Creates an axis from pixel `start_px` to `end_px` that shows all `values` above 0 (1 to 10 if there is none). It
+    /// is at least `least` decades long, and leaves the shares `room` of its length free at its ends.
+    pub fn from_values(
+        values: impl Iterator<Item = f64>,
+        least: f64,
+        room: [f64; 2],
+        [start_px, end_px]: [f64; 2],
+    ) -> Self {
         let powers = values.filter(|value| has_place(*value)).map(libm::log10);
         let (mut low, mut high) = powers.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         if low > high {
@@ -40,8 +45,8 @@ impl Axis {
         Self { low: low - room[0] * length, high: high + room[1] * length, start_px, end_px }
     }
 
-    /// The pixel of `value`, which must have a place.
-    pub fn px(&self, value: f64) -> f64 {
+    /// Pixel of `value`, which must be above 0 and finite.
+    pub fn value_px(&self, value: f64) -> f64 {
         self.power_px(libm::log10(value))
     }
 
@@ -49,11 +54,11 @@ impl Axis {
         self.start_px + (power - self.low) / (self.high - self.low) * (self.end_px - self.start_px)
     }
 
-    /// Its ticks from the lowest on: at most a dozen names, powers of ten first.
+    /// Returns the ticks from the lowest on, with at most a dozen labels, powers of ten first.
     pub fn ticks(&self) -> Vec<Tick> {
         let decades = self.high - self.low;
         let step = (decades / 10.0).ceil().max(1.0) as i32;
-        // Names at 2 and 5 as well where powers of ten alone would leave the axis bare.
+        // On a short axis powers of ten alone would be too few labels, so 2 and 5 have labels, too.
         let (lines, named): (&[u8], &[u8]) = match decades {
             d if d <= 4.0 => (&[2, 3, 4, 5, 6, 7, 8, 9], &[2, 5]),
             d if d <= 10.0 => (&[2, 3, 4, 5, 6, 7, 8, 9], &[]),
@@ -64,7 +69,7 @@ impl Axis {
             let mut tick = |digit: u8, named: bool| {
                 let power = f64::from(decade) + libm::log10(f64::from(digit));
                 if (self.low..=self.high).contains(&power) {
-                    let label = named.then(|| power_of_ten(digit, decade));
+                    let label = named.then(|| format_power_of_ten(digit, decade));
                     ticks.push(Tick { px: self.power_px(power), label, decade: digit == 1 });
                 }
             };
@@ -77,8 +82,8 @@ impl Axis {
     }
 }
 
-/// `digit` times ten to the power of `decade`, as people write it.
-fn power_of_ten(digit: u8, decade: i32) -> String {
+/// Formats `digit` times ten to the power of `decade`.
+fn format_power_of_ten(digit: u8, decade: i32) -> String {
     match decade {
         0..=5 => format!("{digit}{}", "0".repeat(decade as usize)),
         -4..0 => format!("0.{}{digit}", "0".repeat((-decade - 1) as usize)),
@@ -93,7 +98,7 @@ mod tests {
     #[test]
     fn names_of_ticks_are_powers_of_ten_and_on_short_axes_two_and_five() {
         let names = |low: f64, high: f64| -> Vec<String> {
-            let axis = Axis::over([low, high].into_iter(), 0.0, [0.0, 0.0], [0.0, 100.0]);
+            let axis = Axis::from_values([low, high].into_iter(), 0.0, [0.0, 0.0], [0.0, 100.0]);
             axis.ticks().into_iter().filter_map(|tick| tick.label).collect()
         };
         assert_eq!(names(0.015, 3.0), ["0.02", "0.05", "0.1", "0.2", "0.5", "1", "2"]);
@@ -104,9 +109,9 @@ mod tests {
     #[test]
     fn an_axis_shows_what_has_a_place_and_leaves_room() {
         let values = [10.0, 1000.0, 0.0, -1.0, f64::NAN, f64::INFINITY];
-        let axis = Axis::over(values.into_iter(), 1.0, [0.1, 0.3], [0.0, 100.0]);
-        assert!((axis.px(10.0) - 10.0).abs() < 1e-9 && (axis.px(1000.0) - 70.0).abs() < 1e-9);
-        let single = Axis::over([5.0].into_iter(), 1.0, [0.0, 0.0], [80.0, 0.0]);
-        assert!((single.px(5.0) - 40.0).abs() < 1e-9);
+        let axis = Axis::from_values(values.into_iter(), 1.0, [0.1, 0.3], [0.0, 100.0]);
+        assert!((axis.value_px(10.0) - 10.0).abs() < 1e-9 && (axis.value_px(1000.0) - 70.0).abs() < 1e-9);
+        let single = Axis::from_values([5.0].into_iter(), 1.0, [0.0, 0.0], [80.0, 0.0]);
+        assert!((single.value_px(5.0) - 40.0).abs() < 1e-9);
     }
 }

@@ -1,0 +1,726 @@
+"""Copies by `gelsim-export`: read by their formats' readers, killed, on full disks, continued, compared, refused."""
+
+import contextlib
+import fcntl
+import functools
+import io
+import json
+import os
+import pty
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("gelsim", reason="the module is not installed: pip install .")
+for name in ["OpenEXR", "PIL", "pyarrow", "h5py", "zarr", "datasets"]:
+    pytest.importorskip(name, reason="pip install '.[export]' zarr datasets")
+
+import h5py
+import numpy as np
+import pyarrow.parquet as parquet
+import zarr
+from gelsim.export import command
+from PIL import Image
+from processes import run
+
+pytestmark = pytest.mark.wheel
+
+INSTALLED = Path(sys.executable).with_name("gelsim-export")
+COMMAND = [INSTALLED] if INSTALLED.exists() else [sys.executable, "-m", "gelsim.export.command"]
+# What copies are called, and their formats.
+FORMATS = {"lerobot": "lerobot", "zarr": "zarr", "zip": "zarr", "hdf5": "hdf5"}
+FINGERS = ["left", "right"]
+COPIED = ["halves", "steps", "forceless", "tactip", "lamps", "frames", "grips", "lifts"]
+
+
+@pytest.fixture(params=COPIED)
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(params=FORMATS)
+def form(request):
+    return request.param
+
+
+def place(folder, name, form):
+    return folder / (f"{name}.zarr.zip" if form == "zip" else f"{name}.{form}")
+
+
+def run_export(*words, status=0, **options):
+    """What the command says on standard error."""
+    said = run(*COMMAND, *words, status=status, **options).stderr
+    assert "Traceback" not in said
+    return said
+
+
+def export(source, form, out, *more, status=0):
+    return run_export(source, "--to", FORMATS[form], "--out", out, *more, status=status)
+
+
+def content(out):
+    """All bytes of a copy."""
+    if out.is_file():
+        return {"": out.read_bytes()}
+    return {path.relative_to(out).as_posix(): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+
+
+class Copies:
+    """Of each dataset a copy in each format, and what was said as it was made, compared, and asked for once more."""
+
+    def __init__(self, every_kind, folder):
+        self.every_kind, self.folder = every_kind, folder
+        self.said = functools.cache(self.said)
+
+    def said(self, kind, form):
+        out, told = place(self.folder, kind, form), []
+        for more in [[], ["--check"], ["--quiet"]]:
+            with contextlib.redirect_stderr(io.StringIO()) as said:
+                line = [self.every_kind.path(kind), "--to", FORMATS[form], "--out", out, *more]
+                status = command.main(list(map(str, line)))
+            assert status == 0, said.getvalue()
+            told.append(said.getvalue())
+        return told
+
+    def path(self, kind, form):
+        self.said(kind, form)
+        return place(self.folder, kind, form)
+
+
+@pytest.fixture(scope="module")
+def copies(every_kind, tmp_path_factory):
+    return Copies(every_kind, tmp_path_factory.mktemp("copies"))
+
+
+def test_a_copy_is_made_compared_and_left_alone(copies, kind, form):
+    made, compared, left_alone = copies.said(kind, form)
+    assert "samples/s" in made and "bit for bit" in compared and left_alone == ""
+
+
+def frames(sample):
+    """Of each frame its pads: the finger ("" where there is one sensor), its arrays and what the label says of it."""
+    label = sample["label"]
+    each = zip(sample["frames"], label["frames"], strict=True) if "frames" in sample else [(sample, label)]
+    fingers = FINGERS if "left" in label else []
+    return [[(its, frame[its], part[its]) for its in fingers] or [("", frame, part)] for frame, part in each]
+
+
+def pose(part):
+    return [*part["pose"]["translation_mm"], *part["pose"]["quaternion_xyzw"]]
+
+
+def normal_force(part):
+    """The wrench's z, NaN where it is not known."""
+    if "wrench" in part:
+        return part["wrench"]["force_n"][2]
+    contact = part["contact"]
+    if contact["force_vector_n"]:
+        return contact["force_vector_n"][2]
+    return np.nan if contact["total_force_n"] is None else 0.0 - contact["total_force_n"]
+
+
+def equal(one, other):
+    return np.array_equal(one, other, equal_nan=True)
+
+
+def dotted(what, finger):
+    """What LeRobot's features of a finger begin with."""
+    return f"observation.{what}.{finger}" if finger else f"observation.{what}"
+
+
+class LeRobot:
+    """A copy of that format, and what it is to hold."""
+
+    def __init__(self, every_kind, kind, out):
+        self.dataset, self.samples, self.out = every_kind.load(kind), every_kind.samples(kind), out
+        self.info = json.loads((out / "meta/info.json").read_text())
+        # Frames of all samples, and before how many of them each sample begins.
+        self.frames = [(sample, number, pads) for sample in self.samples for number, pads in enumerate(frames(sample))]
+        self.shards = range(len(self.dataset.shards))
+
+    def tables(self):
+        """The table of each shard's frames."""
+        path = self.info["data_path"]
+        return [parquet.read_table(self.out / path.format(chunk_index=0, file_index=shard)) for shard in self.shards]
+
+    def rows(self):
+        """Each frame's row of the tables, beside the frame."""
+        rows = [row for table in self.tables() for row in table.to_pylist()]
+        return list(zip(rows, self.frames, strict=True))
+
+    def episodes(self):
+        """The shard, the row and the sample of each episode."""
+        for shard in self.shards:
+            for row in parquet.read_table(self.out / f"meta/episodes/chunk-000/file-{shard:03}.parquet").to_pylist():
+                yield shard, row, self.samples[row["episode_index"]]
+
+
+@pytest.fixture
+def lerobot(every_kind, copies, kind):
+    return LeRobot(every_kind, kind, copies.path(kind, "lerobot"))
+
+
+def test_lerobots_info_counts_episodes_and_frames(lerobot):
+    info = lerobot.info
+    assert info["codebase_version"] == "v3.0" and info["video_path"] is None
+    assert (info["total_episodes"], info["total_frames"]) == (len(lerobot.samples), len(lerobot.frames))
+
+
+def test_lerobots_splits_are_ranges_of_episodes(lerobot):
+    ends = [0]
+    for split, span in lerobot.info["splits"].items():
+        begin, end = map(int, span.split(":"))
+        assert begin == ends[-1] and end - begin == lerobot.dataset.splits[split]
+        assert all(sample["label"]["split"] == split for sample in lerobot.samples[begin:end])
+        ends.append(end)
+    assert ends[-1] == len(lerobot.samples)
+
+
+def test_lerobots_episodes_hold_labels_and_where_their_frames_are(lerobot):
+    begin = 0
+    for shard, row, sample in lerobot.episodes():
+        label = sample["label"]
+        assert row["gelsim/key"] == sample["key"] and json.loads(row["gelsim/label"]) == label
+        assert row["tasks"] == [label["object"]["class"]] and row["gelsim/object"] == label["object"]["id"]
+        assert (row["dataset_from_index"], row["length"]) == (begin, len(frames(sample)))
+        assert (row["data/chunk_index"], row["data/file_index"]) == (0, shard)
+        begin = row["dataset_to_index"]
+    assert begin == len(lerobot.frames)
+
+
+def test_lerobots_episodes_hold_statistics_of_their_images(lerobot):
+    for _, row, sample in lerobot.episodes():
+        for pads in zip(*frames(sample), strict=True):
+            tactile = np.stack([frame["tactile"] for _, frame, _ in pads]) / 255
+            known = {"mean": tactile.mean((0, 1, 2)), "std": tactile.std((0, 1, 2)), "max": tactile.max((0, 1, 2))}
+            for name, ours in known.items():
+                figure = row[f"stats/{dotted('images', pads[0][0])}.tactile/{name}"]
+                assert np.allclose(np.ravel(figure), ours, atol=1e-6), name
+
+
+IMAGES = {"tactile", "contact", "instance", "reference", "untouched", "slip"}
+
+
+def test_lerobots_features_are_the_columns(lerobot):
+    features = set(lerobot.info["features"])
+    assert all(set(table.column_names) == features for table in lerobot.tables())
+    assert not any("/" in name for name in features)
+    for _, _, pads in lerobot.frames:
+        known = {"timestamp", "frame_index", "episode_index", "index", "task_index"}
+        for finger, frame, _ in pads:
+            known |= {dotted("state", finger), dotted("wrench", finger)}
+            known |= {f"{dotted('images', finger)}.{name}" for name in IMAGES.intersection(frame)}
+        assert features == known
+
+
+def test_lerobots_rows_are_numbered(lerobot):
+    for index, (row, (sample, number, _)) in enumerate(lerobot.rows()):
+        assert (row["index"], row["frame_index"]) == (index, number)
+        assert lerobot.samples[row["episode_index"]] is sample
+        assert row["timestamp"] == np.float32(number / lerobot.info["fps"])
+        assert lerobot.dataset.classes[row["task_index"]] == sample["label"]["object"]["class"]
+
+
+def test_lerobots_rows_hold_images_pose_and_wrench(lerobot):
+    features = lerobot.info["features"]
+    for row, (_, _, pads) in lerobot.rows():
+        for finger, frame, part in pads:
+            for name in IMAGES.intersection(frame):
+                feature = f"{dotted('images', finger)}.{name}"
+                image = np.asarray(Image.open(io.BytesIO(row[feature]["bytes"])))
+                assert list(image.shape) == features[feature]["shape"], name
+                ours = frame[name] if frame[name].ndim == 3 else np.stack([frame[name]] * 3, axis=2)
+                assert np.array_equal(image, ours), name
+            wrench = dotted("wrench", finger)
+            assert row[dotted("state", finger)] == np.array(pose(part), "float32").tolist()
+            assert equal(row[wrench][2], np.float32(normal_force(part)))
+            assert len(row[wrench]) == features[wrench]["shape"][0]
+            if "wrench" in part:
+                assert row[wrench] == np.float32(part["wrench"]["force_n"] + part["wrench"]["torque_nmm"]).tolist()
+
+
+def test_lerobots_tasks_are_the_classes(lerobot):
+    tasks, classes = parquet.read_table(lerobot.out / "meta/tasks.parquet").to_pandas(), lerobot.dataset.classes
+    assert tasks.index.tolist() == classes and tasks.task_index.tolist() == list(range(len(classes)))
+
+
+def test_lerobots_statistics_are_those_of_all_rows(lerobot):
+    stats = json.loads((lerobot.out / "meta/stats.json").read_text())
+    assert stats.keys() == lerobot.info["features"].keys()
+    rows = lerobot.rows()
+    for state in [dotted("state", finger) for finger, _, _ in lerobot.frames[0][2]]:
+        states = np.array([row[state] for row, _ in rows])
+        for name in ["mean", "std", "min", "max"]:
+            assert np.allclose(stats[state][name], getattr(states, name)(0), atol=1e-5), name
+        assert stats[state]["count"] == [len(rows)]
+
+
+def test_a_lerobot_copy_is_read_by_datasets(lerobot, tmp_path):
+    """By what its card says of it: images come as images; each split by itself, too."""
+    from datasets import load_dataset
+
+    all_frames = load_dataset(str(lerobot.out), cache_dir=str(tmp_path))
+    assert list(all_frames) == ["train"]
+    for row, (_, _, pads) in zip(all_frames["train"], lerobot.frames, strict=True):
+        for finger, frame, part in pads:
+            assert np.array_equal(np.asarray(row[f"{dotted('images', finger)}.tactile"]), frame["tactile"])
+            assert row[dotted("state", finger)] == np.array(pose(part), "float32").tolist()
+    ours = {}
+    for index, (sample, _, _) in enumerate(lerobot.frames):
+        ours.setdefault(sample["label"]["split"], []).append(index)
+    parts = load_dataset(str(lerobot.out), "splits", cache_dir=str(tmp_path))
+    assert {split: part["index"][:] for split, part in parts.items()} == ours
+
+
+# Ends with 3 where there is no LeRobot.
+LEROBOT = """
+import sys
+try:
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+except ImportError:
+    sys.exit(3)
+root, frames = sys.argv[1], int(sys.argv[2])
+dataset = LeRobotDataset("local/copy", root=root)
+assert len(dataset) == frames == sum(dataset.meta.episodes["length"])
+assert dataset.num_episodes == len(dataset.meta.episodes)
+for index in range(frames):
+    item = dataset[index]
+    images = [name for name in dataset.features if name.startswith("observation.images.") and name.endswith("tactile")]
+    states = [name for name in dataset.features if name.startswith("observation.state")]
+    assert len(images) == len(states) > 0
+    assert all(item[name].shape[0] == 3 for name in images) and all(item[name].shape == (7,) for name in states)
+    assert item["index"] == index and item["task"] in dataset.meta.tasks.index
+part = LeRobotDataset("local/copy", root=root, episodes=[1])
+assert len(part) == dataset.meta.episodes[1]["length"] and part[0]["episode_index"] == 1
+"""
+
+
+@pytest.mark.parametrize("kind", ["halves", "tactip", "frames", "lifts"])
+def test_lerobots_own_class_reads_a_copy(lerobot, torch_python):
+    line = [torch_python, "-c", LEROBOT, lerobot.out, str(len(lerobot.frames))]
+    done = subprocess.run(line, capture_output=True, text=True)
+    if done.returncode == 3:
+        pytest.skip(f"{torch_python} has no lerobot: pip install lerobot")
+    assert done.returncode == 0, done.stderr
+
+
+def turned(vector, points):
+    """Points turned by a rotation vector, after Rodrigues."""
+    angle = np.linalg.norm(vector)
+    axis = vector / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
+    along = np.outer(points @ axis, axis)
+    return along + np.cos(angle) * (points - along) + np.sin(angle) * np.cross(axis, points)
+
+
+def turned_by_quaternion(quaternion, points):
+    """Points turned by a unit quaternion x, y, z, w."""
+    axis, w = np.array(quaternion[:3]), quaternion[3]
+    cross = 2 * np.cross(axis, points)
+    return points + w * cross + np.cross(axis, cross)
+
+
+@pytest.fixture(params=["zarr", "zip"])
+def zarr_root(request, copies, kind):
+    out = copies.path(kind, request.param)
+    if request.param == "zarr":
+        yield zarr.open_group(out, mode="r", zarr_format=2)
+    else:
+        with zarr.storage.ZipStore(out, mode="r") as store:
+            yield zarr.open_group(store, mode="r", zarr_format=2)
+
+
+@pytest.fixture
+def zarr_pads(every_kind, kind):
+    """Of each pad of each frame the pad's name, the frame's number among all, its arrays and its part of the label."""
+    every = enumerate(pads for sample in every_kind.samples(kind) for pads in frames(sample))
+    return [(f"pad{pad}", at, frame, part) for at, pads in every for pad, (_, frame, part) in enumerate(pads)]
+
+
+def test_zarrs_arrays_have_a_row_for_each_frame(zarr_root, every_kind, kind):
+    ends = zarr_root["meta/episode_ends"][:]
+    assert ends.dtype == np.int64
+    assert ends.tolist() == np.cumsum([len(frames(sample)) for sample in every_kind.samples(kind)]).tolist()
+    assert {array.shape[0] for _, array in zarr_root["data"].arrays()} == {int(ends[-1])}
+
+
+def test_zarrs_classes_are_those_of_the_samples(zarr_root, every_kind, kind):
+    classes = every_kind.load(kind).classes
+    assert zarr_root.attrs["classes"] == classes
+    for sample, index in zip(every_kind.samples(kind), zarr_root["meta/class_index"][:], strict=True):
+        assert classes[index] == sample["label"]["object"]["class"]
+
+
+def test_zarrs_pads_are_named_by_their_fingers(zarr_root, every_kind, kind):
+    fingers = [finger for finger, _, _ in frames(every_kind.samples(kind)[0])[0]]
+    known = {f"pad{number}": finger for number, finger in enumerate(fingers)}
+    assert zarr_root.attrs.get("fingers", {"pad0": ""}) == known
+    assert zarr_root.attrs["pads"].keys() == {name.split("_")[0] for name in zarr_root["data"] if name != "timestamp"}
+
+
+def test_zarrs_layers_are_the_datasets(zarr_root, zarr_pads):
+    for pad, at, frame, _ in zarr_pads:
+        for name, value in frame.items():
+            if isinstance(value, np.ndarray):
+                array = zarr_root[f"data/{pad}_{name}"]
+                assert array.chunks == (1, *value.shape) and array.attrs["unit"], name
+                assert np.array_equal(array[at], value) and array.dtype == value.dtype, name
+
+
+def test_zarrs_poses_are_rotation_vectors(zarr_root, zarr_pads):
+    points = np.eye(3)
+    for pad, at, _, part in zarr_pads:
+        its, known = zarr_root[f"data/{pad}_pose"][at], pose(part)
+        assert its.shape == (6,) and its[:3].tolist() == known[:3]
+        assert np.allclose(turned(its[3:], points), turned_by_quaternion(known[3:], points), rtol=0, atol=1e-12)
+
+
+def test_zarrs_forces_and_times_are_the_labels(zarr_root, zarr_pads):
+    for pad, at, _, part in zarr_pads:
+        assert equal(zarr_root[f"data/{pad}_wrench"][at][2], normal_force(part))
+        assert "t_s" not in part or zarr_root["data/timestamp"][at] == part["t_s"]
+
+
+def test_zarrs_markers_are_one_frames_after_anothers(zarr_root, zarr_pads):
+    for pad, at, frame, _ in zarr_pads:
+        if "markers" in frame:
+            ends = zarr_root[f"ragged/{pad}_markers_ends"]
+            dots = zarr_root[f"ragged/{pad}_markers_moved_px"][int(ends[at - 1]) if at else 0 : int(ends[at])]
+            assert np.array_equal(dots, frame["markers"]["moved_px"]) and len(dots)
+
+
+def test_a_zip_of_zarr_is_stored_without_compression(copies, kind):
+    entries = zipfile.ZipFile(copies.path(kind, "zip")).infolist()
+    assert {entry.compress_type for entry in entries} == {zipfile.ZIP_STORED}
+
+
+@pytest.fixture
+def hdf5(copies, kind):
+    with h5py.File(copies.path(kind, "hdf5")) as file:
+        yield file
+
+
+@pytest.fixture
+def hdf5_pads(hdf5, every_kind, kind):
+    """Of each pad of each frame its group, the frame's place in it, its arrays and its part of the label."""
+    pads = []
+    for sample in every_kind.samples(kind):
+        group = hdf5[sample["key"]]
+        for number, each in enumerate(frames(sample)):
+            at = number if "frames" in sample else ...
+            pads += [(group[finger] if finger else group, at, frame, part) for finger, frame, part in each]
+    return pads
+
+
+def test_hdf5_has_a_group_with_label_for_each_sample(hdf5, every_kind, kind):
+    samples = every_kind.samples(kind)
+    assert sorted(hdf5) == sorted(sample["key"] for sample in samples)
+    assert hdf5.attrs["classes"].tolist() == every_kind.load(kind).classes
+    for sample in samples:
+        group = hdf5[sample["key"]]
+        assert json.loads(group["label"][()]) == sample["label"] and group.attrs["split"] == sample["label"]["split"]
+
+
+def test_hdf5s_layers_are_the_datasets(hdf5_pads):
+    for group, at, frame, _ in hdf5_pads:
+        for name, value in frame.items():
+            if isinstance(value, np.ndarray):
+                assert np.array_equal(group[name][at], value) and group[name].attrs["unit"], name
+
+
+def test_hdf5s_poses_and_forces_are_the_labels(hdf5_pads):
+    for group, at, _, part in hdf5_pads:
+        assert group["pose"][at].tolist() == pose(part) and equal(group["wrench"][at][2], normal_force(part))
+
+
+def test_hdf5s_markers_are_the_datasets(hdf5_pads):
+    for group, at, frame, _ in hdf5_pads:
+        if "markers" in frame:
+            ends, number = ([0, None], 0) if at is ... else ([0, *group["markers/ends"]], at)
+            dots = group["markers/moved_px"][ends[number] : ends[number + 1]]
+            assert np.array_equal(dots, frame["markers"]["moved_px"])
+
+
+# Three shards and more, of one sensor and of two.
+@pytest.mark.parametrize("kind, form", [*(("halves", form) for form in FORMATS), ("grips", "zarr")])
+def test_an_export_that_was_killed_goes_on_to_the_same_bytes(copies, every_kind, kind, form, tmp_path):
+    again = place(tmp_path, "killed", form)
+    partial = again.with_name(again.name + ".partial")
+    done = lambda: len(list(partial.glob("parts/0*.json")))
+    source = every_kind.path(kind)
+    for parts in [1, 2]:
+        line = [*COMMAND, source, "--to", FORMATS[form], "--out", again]
+        process = subprocess.Popen([str(word) for word in line], stderr=subprocess.DEVNULL)
+        while process.poll() is None and done() < parts:
+            time.sleep(0.001)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL, "it was done before it could be killed"
+        assert not again.exists() and done() >= parts
+    with open(partial / "export.json") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert "another process is writing it" in export(source, form, again, status=2)
+    # What a kill in the middle of a file leaves.
+    for torn in [*partial.glob("parts/*.tmp"), *partial.glob("out/**/*.tmp")]:
+        torn.write_bytes(b"torn")
+    export(source, form, again)
+    assert content(again) == content(copies.path(kind, form)) and not partial.exists()
+
+
+FILLED = """
+mount -t tmpfs -o size="$SIZE" none "$DISK" || exit 98
+"$@"; first=$?
+mount -o remount,size=1g "$DISK" || exit 98
+[ ! -e "$COPY" ] || [ $first = 0 ] || exit 96
+"$@" >&2 || exit 97
+cp -r "$COPY" "$AGAIN"
+exit $first
+"""
+
+
+def test_an_export_on_a_full_disk_says_so_and_goes_on_once_there_is_room(copies, every_kind, form, tmp_path):
+    """On disks that fill up at tenths of the copy's size."""
+    out = copies.path("frames", form)
+    expected, filled = content(out), 0
+    size = sum(map(len, expected.values()))
+    for tenths in range(1, 10, 2):
+        disk, again = tmp_path / f"disk-{tenths}", tmp_path / f"again-{tenths}-{out.name}"
+        disk.mkdir()
+        copy = disk / out.name
+        variables = {"SIZE": f"{size * tenths // 10240 + 4}k", "DISK": disk, "COPY": copy, "AGAIN": again}
+        line = ["unshare", "-rm", "sh", "-c", FILLED, "sh", *COMMAND, every_kind.path("frames")]
+        line += ["--to", FORMATS[form], "--out", copy]
+        environment = {**os.environ, **{name: str(value) for name, value in variables.items()}}
+        done = subprocess.run(list(map(str, line)), env=environment, capture_output=True, text=True)
+        if done.returncode in (98, 1) and "mount" in done.stderr + done.stdout or "unshare" in done.stderr:
+            pytest.skip("no disk can be mounted: needs unshare -rm")
+        assert done.returncode in (0, 1) and "Traceback" not in done.stderr, (tenths, done)
+        if done.returncode == 1:
+            filled += 1
+            assert "No space left on device" in done.stderr, tenths
+        assert content(again) == expected, tenths
+    assert filled > 1, "the disk is rarely full"
+
+
+def duplicate(copies, kind, form, folder):
+    """A copy that may be changed."""
+    source = copies.path(kind, form)
+    out = folder / source.name
+    return shutil.copytree(source, out) if source.is_dir() else Path(shutil.copy(source, out))
+
+
+# Of two fingers the right one.
+each_pad = pytest.mark.parametrize("kind, finger", [("halves", ""), ("grips", "right")])
+
+
+@pytest.fixture
+def second_key(every_kind, kind):
+    return every_kind.samples(kind)[1]["key"]
+
+
+@each_pad
+def test_a_changed_pixel_or_number_in_hdf5_is_found(copies, every_kind, second_key, kind, finger, tmp_path):
+    out, source = duplicate(copies, kind, "hdf5", tmp_path), every_kind.path(kind)
+    tactile, wrench = (f"{finger}/{name}".lstrip("/") for name in ["tactile", "wrench"])
+    with h5py.File(out, "r+") as file:
+        file[second_key][tactile][2, 3, 1] ^= 1
+    assert f"sample {second_key}: {tactile} differs" in export(source, "hdf5", out, "--check", status=1)
+    with h5py.File(out, "r+") as file:
+        file[second_key][tactile][2, 3, 1] ^= 1
+        file[second_key][wrench][0] = np.nextafter(file[second_key][wrench][0], 9)
+    assert f"sample {second_key}: {wrench} differs" in export(source, "hdf5", out, "--check", status=1)
+
+
+@each_pad
+def test_a_changed_broken_or_missing_chunk_of_zarr_is_found(copies, every_kind, second_key, kind, finger, tmp_path):
+    out, source = duplicate(copies, kind, "zarr", tmp_path), every_kind.path(kind)
+    root = zarr.open_group(out, mode="r+", zarr_format=2)
+    tactile = "pad1_tactile" if finger == "right" else "pad0_tactile"
+    image = root[f"data/{tactile}"][1]
+    image[2, 3, 1] ^= 1
+    root[f"data/{tactile}"][1] = image
+    assert f"sample {second_key}: {tactile} differs" in export(source, "zarr", out, "--check", status=1)
+    (out / f"data/{tactile}/1.0.0.0").write_bytes(b"no chunk")
+    assert f"sample {second_key}: it cannot be read" in export(source, "zarr", out, "--check", status=1)
+    (out / f"data/{tactile}/1.0.0.0").unlink()
+    assert f"sample {second_key}: {tactile} differs" in export(source, "zarr", out, "--check", status=1)
+
+
+@pytest.mark.parametrize("kind", ["halves", "grips"])
+def test_a_zip_that_is_cut_off_is_found(copies, every_kind, kind, tmp_path):
+    out = duplicate(copies, kind, "zip", tmp_path)
+    out.write_bytes(out.read_bytes()[:-30])
+    export(every_kind.path(kind), "zip", out, "--check", status=2)
+
+
+@each_pad
+def test_a_changed_pixel_or_missing_file_of_lerobot_is_found(copies, every_kind, second_key, kind, finger, tmp_path):
+    out, source = duplicate(copies, kind, "lerobot", tmp_path), every_kind.path(kind)
+    path = out / "data/chunk-000/file-000.parquet"
+    table = parquet.read_table(path)
+    rows = table.to_pylist()
+    tactile = f"{dotted('images', finger)}.tactile"
+    image = np.array(Image.open(io.BytesIO(rows[1][tactile]["bytes"])))
+    image[2, 3, 1] ^= 1
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "PNG")
+    rows[1][tactile]["bytes"] = file.getvalue()
+    parquet.write_table(table.from_pylist(rows, table.schema), path)
+    assert f"sample {second_key}: {tactile} differs" in export(source, "lerobot", out, "--check", status=1)
+    path.unlink()
+    export(source, "lerobot", out, "--check", status=1)
+
+
+def test_a_folder_of_the_users_is_left_alone(every_kind, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    assert "name another --out" in export(every_kind.path("halves"), "zarr", tmp_path, status=2)
+    assert content(tmp_path) == {"notes.txt": b"mine"}
+
+
+def test_a_copy_of_another_dataset_is_left_alone(copies, every_kind, form):
+    taken, mine, other = copies.path("forceless", form), every_kind.path("halves"), every_kind.path("forceless")
+    before = content(taken)
+    assert "name another --out" in export(mine, form, taken, status=2)
+    assert "no " in export(mine, form, taken, "--check", status=2)
+    assert "already" in export(other, form, taken)
+    assert content(taken) == before
+
+
+def test_a_copy_that_is_not_there_is_not_compared(every_kind, form, tmp_path):
+    absent = place(tmp_path, "absent", form)
+    export(every_kind.path("halves"), form, absent, "--check", status=2)
+    assert not absent.exists()
+
+
+@pytest.mark.parametrize("holds", ["nothing", "another file"])
+def test_a_partial_copy_that_is_none_is_to_be_moved_away(copies, every_kind, tmp_path, holds):
+    left = tmp_path / "left.hdf5.partial"
+    left.mkdir()
+    if holds == "another file":
+        shutil.copy(copies.path("forceless", "hdf5"), left / "export.json")
+    assert "move it away" in export(every_kind.path("halves"), "hdf5", tmp_path / "left.hdf5", status=2)
+
+
+def test_a_folder_that_is_no_dataset_is_refused(tmp_path):
+    assert "no dataset" in export(tmp_path, "hdf5", tmp_path / "none.hdf5", status=2)
+
+
+WITHOUT = """
+import sys
+sys.modules |= dict.fromkeys(sys.argv.pop(1).split())
+from gelsim.export.command import main
+sys.exit(main())
+"""
+
+
+LIBRARIES = [("h5py", "hdf5"), ("pyarrow", "zarr"), ("pyarrow PIL", "lerobot"), ("OpenEXR", "zarr")]
+
+
+@pytest.mark.parametrize("names, to", LIBRARIES)
+def test_libraries_that_are_not_installed_are_named_in_one_line(every_kind, tmp_path, names, to):
+    line = [sys.executable, "-c", WITHOUT, names, every_kind.path("halves"), "--to", to, "--out", tmp_path / "none"]
+    said = run(*line, status=2).stderr
+    assert said.count("\n") == 1 and "not installed: " in said
+    wanted = [{"PIL": "pillow"}.get(name, name) for name in names.split()]
+    assert all(f" '{name}>=" in said for name in wanted) and "pip install '" in said
+    assert not (tmp_path / "none").exists()
+
+
+def test_an_export_of_a_damaged_dataset_goes_on_once_that_is_repaired(copies, every_kind, form, tmp_path):
+    dataset = every_kind.load("halves")
+    source, out = shutil.copytree(dataset.path, tmp_path / "source"), place(tmp_path, "stopped", form)
+    shard = source / dataset.shards[-1].path.relative_to(dataset.path)
+    aside = shard.rename(tmp_path / "aside")
+    assert shard.name in export(source, form, out, status=1) and not out.exists()
+    aside.rename(shard)
+    export(source, form, out)
+    assert content(out) == content(copies.path("halves", form))
+
+
+GUESSES = {
+    "h5": "did you mean hdf5?",
+    "HDF5": "did you mean hdf5?",
+    "parquet": "did you mean lerobot?",
+    "le-robot": "did you mean lerobot?",
+    "zar": "did you mean zarr?",
+    "rlds": "no such copy",
+    "webdataset": "`gelsim generate` writes it",
+    "npz": "gelsim.load",
+    "xml": "one of lerobot, zarr or hdf5",
+}
+
+
+@pytest.mark.parametrize("guess", GUESSES)
+def test_a_guessed_format_is_answered_with_the_right_one(guess):
+    assert GUESSES[guess] in run_export("x", "--to", guess, "--out", "y", status=2)
+
+
+@pytest.mark.parametrize("address", ["s3://b/x", "s3:/b/x", "gs:/b/x", "S3://b/x", "https://example.org/x"])
+def test_an_address_is_no_place_for_a_copy_or_a_dataset(every_kind, tmp_path, address):
+    out = run_export(every_kind.path("halves"), "--to", "hdf5", "--out", address, status=2, cwd=tmp_path)
+    assert "is an address: name a folder" in out
+    assert "is an address" in run_export(address, "--to", "hdf5", "--out", "y", status=2, cwd=tmp_path)
+    assert not list(tmp_path.iterdir()), "a folder is called after an address"
+
+
+@pytest.mark.parametrize("address", ["file:/data/x", "file:///data/x"])
+def test_an_address_of_a_file_is_to_be_a_path(every_kind, tmp_path, address):
+    said = run_export(every_kind.path("halves"), "--to", "hdf5", "--out", address, status=2, cwd=tmp_path)
+    assert "write the path alone, /data/x" in said and not list(tmp_path.iterdir())
+
+
+def test_the_home_folder_of_nobody_is_refused(every_kind, tmp_path):
+    nobody = "~nobody-of-this-name/x"
+    said = run_export(every_kind.path("halves"), "--to", "hdf5", "--out", nobody, status=2, cwd=tmp_path)
+    assert f"write ./{nobody}" in said and not list(tmp_path.iterdir())
+
+
+def test_a_tilde_is_the_home_folder_and_quiet_says_nothing(every_kind, tmp_path):
+    home = {**os.environ, "HOME": str(tmp_path)}
+    assert run_export(every_kind.path("halves"), "--to", "hdf5", "-q", "-o", "~/x.h5", env=home) == ""
+    assert (tmp_path / "x.h5").is_file()
+
+
+def test_a_file_is_no_folder_for_a_copy(every_kind, tmp_path):
+    (tmp_path / "afile").write_text("")
+    said = run_export(every_kind.path("halves"), "--to", "hdf5", "--out", "afile/x", status=1, cwd=tmp_path)
+    assert "afile: File exists; it is a file" in said
+
+
+def test_what_is_to_be_compared_has_to_be_made_first(every_kind, tmp_path):
+    said = run_export(every_kind.path("halves"), "--to", "hdf5", "--out", "absent", "--check", status=2, cwd=tmp_path)
+    assert "without --check" in said
+
+
+TELL = """
+import sys, time; from gelsim.dataset import Dataset; from gelsim.export.command import Progress
+progress = Progress(Dataset(sys.argv[1]), False); progress.told -= 1; progress.begun -= 1e-9; progress.tell(1)
+progress.clear(); print('end', file=sys.stderr, flush=True)
+"""
+
+
+def shown_on_a_terminal(every_kind, columns, term):
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    line = [sys.executable, "-c", TELL, every_kind.path("halves")]
+    subprocess.run(line, stderr=theirs, env={**os.environ, "TERM": term}, check=True)
+    os.close(theirs)
+    shown = os.read(ours, 1 << 16).decode()
+    os.close(ours)
+    return shown
+
+
+@pytest.mark.parametrize("columns", [80, 12])
+def test_progress_stays_within_the_terminal(every_kind, columns):
+    line = shown_on_a_terminal(every_kind, columns, "xterm").split("\x1b[K")[1]
+    assert "2/11" in line and len(line.strip("\r")) < columns
+
+
+def test_a_dumb_terminal_has_no_progress(every_kind):
+    assert shown_on_a_terminal(every_kind, 80, "dumb").strip() == "end"

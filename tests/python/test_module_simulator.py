@@ -1,0 +1,448 @@
+"""`gelsim.Simulator` against jobs: the same presses and sequences; and what it is given that is none."""
+
+import copy
+import json
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import pytest
+
+gelsim = pytest.importorskip("gelsim", reason="the module is not installed: pip install .")
+
+import numpy as np
+from module_checks import LEVELS, assert_refused, refusal, refusals, same, warned
+
+pytestmark = pytest.mark.wheel
+
+# A press in which all is said, and a sequence of such presses.
+ONE_PRESS = """
+dataset = {{ name = "press", samples = 2, seed = 7 }}
+sensor = {{ preset = "{preset}", resolution_px = [{width}, {height}] }}
+object = [{{ path = "OBJECTS/gear.obj" }}]
+pose = {{ x_mm = 0.7, y_mm = -0.4, yaw_deg = 33.0, {tilt} face = "-z", anchor = "contact" }}
+camera = {{ read_noise_levels = 1.0, exposure = [0.9, 1.1], {lens} }}
+texture = {{ patterns = ["{pattern}"], amplitude_mm = 0.04, scale_mm = 0.7, angle_deg = 20.0 }}
+"""
+SEQUENCE = """
+indentation.no_contact = 0.0
+markers.pitch_mm = 1.5
+[sequence]
+frame_rate_hz = 10.0
+friction = { coefficient = 0.4 }
+phase = [
+    { name = "press", duration_s = 0.3, depth_mm = 0.6 },
+    { name = "slide", duration_s = 0.5, x_mm = 1.0, y_mm = -0.3, twist_deg = 10.0 },
+    { name = "roll", duration_s = 0.3, tilt_deg = 6.0, tilt_azimuth_deg = 90.0 },
+    { name = "lift", duration_s = 0.4, depth_mm = -0.2 },
+    { name = "touch", duration_s = 0.2, depth_mm = 0.3 },
+]
+[output]
+layers = ["depth", "surface", "contact", "flow", "slip", "markers"]
+"""
+CAMERA = {"camera.read_noise_levels": 1.0, "camera.exposure": [0.9, 1.1], "camera.distortion_k1": -0.05}
+LENS = "distortion_k1 = -0.05"
+POSE = gelsim.Pose(0.6, 0.7, -0.4, 33.0, 4.0, 20.0, anchor="contact")
+
+
+@pytest.fixture(scope="module")
+def objects(project):
+    return project / "objects"
+
+
+@pytest.fixture(scope="module")
+def gear(objects):
+    return gelsim.Mesh.load(objects / "gear.obj")
+
+
+@pytest.fixture(scope="module")
+def cylinder(objects):
+    return gelsim.Mesh.load(objects / "cylinder.obj")
+
+
+@pytest.fixture(scope="module")
+def draft():
+    """A simulator of few pixels and few effects."""
+    return gelsim.Simulator("digit", "draft", resolution_px=(60, 80))
+
+
+def same_press(ours, theirs, layers):
+    """All of a press of a job, but for where its mesh came from."""
+    mine = ours.sample(layers)
+    for name in ["tactile", *layers]:
+        if isinstance(theirs[name], dict):
+            for part, value in theirs[name].items():
+                assert np.array_equal(mine[name][part], value), (name, part)
+        else:
+            assert np.array_equal(mine[name], theirs[name]) and mine[name].dtype == theirs[name].dtype, name
+    label = copy.deepcopy(theirs["label"])
+    for each in (label, mine["label"]):
+        for place in [each["object"], *each["objects"]]:
+            for key in ["class", "mesh_sha256", "path", "material"]:
+                place.pop(key, None)
+    for key in [key for key in label if key != "texture"]:
+        assert mine["label"][key] == label[key], key
+
+
+@pytest.fixture(
+    scope="module",
+    params=[(level, "digit") for level in LEVELS] + [("draft", it) for it in ["gelsight-series2", "tactip", "geltip"]],
+    ids="-".join,
+)
+def case(request, objects, tmp_path_factory):
+    """A job of one press and its simulator: at every level, and on each kind of sensor."""
+    level, preset = request.param
+    size = {"tactip": [64, 64], "gelsight-series2": [72, 60], "geltip": [80, 60]}.get(preset, [60, 80])
+    # The lowest level knows no forces, and pins show no pad at rest.
+    knows = [] if level == "paper" else ["pressure", "flow"]
+    more = {"digit": ["markers"], "gelsight-series2": ["lamps"], "tactip": ["pins"], "geltip": []}[preset]
+    layers = ["depth", "surface", "contact", "normal", "gap", "points", "reference", *knows, *more]
+    layers += ["untouched"] if preset != "tactip" else []
+    curved = preset in ["tactip", "geltip"]
+    text = ONE_PRESS.format(
+        preset=preset, width=size[0], height=size[1], pattern="knurled", lens="" if curved else LENS,
+        tilt="tilt_deg = 4.0, tilt_azimuth_deg = 20.0,",
+    )  # fmt: skip
+    text = text.replace("OBJECTS", str(objects)) + "indentation.depth_mm = 0.6\n"
+    settings = {key: value for key, value in CAMERA.items() if not curved or key != "camera.distortion_k1"}
+    if preset == "digit":
+        text += "markers.pitch_mm = 1.5\n"
+        settings["markers.pitch_mm"] = 1.5
+    more = {"shear": None, "friction": None}
+    if knows:
+        text += "shear = { x_mm = 0.2, twist_deg = 3.0, friction = { coulomb = { coefficient = 0.5 } } }\n"
+        more = {"shear": gelsim.Shear(0.2, 0.0, 3.0), "friction": 0.5}
+    path = tmp_path_factory.mktemp("press") / "press.toml"
+    path.write_text(text + f"output.layers = {json.dumps(layers)}\n")
+
+    def simulator(**drawn):
+        return gelsim.Simulator(preset, level, resolution_px=size, set={**settings, **drawn}, flow=bool(knows))
+
+    return SimpleNamespace(
+        level=level, preset=preset, knows=knows, path=path, more=more,
+        job=gelsim.Job.load(path, fidelity=level), make=simulator, simulator=simulator(),
+    )  # fmt: skip
+
+
+def test_a_press_is_the_jobs(case, gear):
+    """Where a job's pattern lies is drawn, and not told by its label: both have the same only without one."""
+    smooth, _ = warned(lambda: gelsim.Job.load(case.path, fidelity=case.level, set={"texture.amplitude_mm": 0.0}))
+    for index in range(2):
+        ours = case.simulator.press(gear, POSE, **case.more, index=index, seed=7)
+        same_press(ours, smooth[index], case.job.layers)
+        assert ours.label["texture"]["amplitude_mm"] == 0.0
+
+
+def test_a_press_with_a_pattern_that_is_drawn_is_the_jobs(case, gear):
+    pattern = {"patterns": ["knurled"], "amplitude_mm": 0.04, "scale_mm": 0.7, "angle_deg": 20.0}
+    simulator = case.make(**{f"texture.{key}": value for key, value in pattern.items()})
+    for index in range(2):
+        assert case.job[index]["label"]["texture"]["amplitude_mm"] == 0.04
+        same_press(simulator.press(gear, POSE, **case.more, index=index, seed=7), case.job[index], case.job.layers)
+
+
+@pytest.fixture(scope="module")
+def textured(case, gear):
+    return case.simulator.press(gear, POSE, texture=gelsim.Texture("knurled", 0.04, 0.7, 20.0), seed=7)
+
+
+def test_a_texture_is_seen_but_by_pins(case, gear, textured):
+    assert np.array_equal(textured.image, case.simulator.press(gear, POSE, seed=7).image) == (case.preset == "tactip")
+
+
+def test_a_texture_is_in_the_label(textured):
+    assert textured.label["texture"] == {"pattern": "knurled", "amplitude_mm": 0.04, "scale_mm": 0.7, "angle_deg": 20.0}
+
+
+def test_what_a_level_does_not_know_is_none(case, textured):
+    assert [name for name in ["pressure", "flow"] if getattr(textured, name) is not None] == case.knows
+    assert (textured.force_n is None) == (case.level == "paper")
+
+
+def corners_and_triangles(path):
+    """Of an OBJ file of convex faces."""
+    rows = [line.split() for line in path.read_text().splitlines()]
+    vertices = [[float(word) for word in row[1:4]] for row in rows if row[:1] == ["v"]]
+    faces = [[int(word.split("/")[0]) - 1 for word in row[1:]] for row in rows if row[:1] == ["f"]]
+    triangles = [[face[0], *face[k : k + 2]] for face in faces for k in range(1, len(face) - 1)]
+    return np.array(vertices), np.array(triangles)
+
+
+MESHES = {
+    "path": lambda path, vertices, faces: path,
+    "text": lambda path, vertices, faces: str(path),
+    "arrays": lambda path, vertices, faces: (vertices, faces),
+    "lists": lambda path, vertices, faces: (vertices.tolist(), faces.tolist()),
+    "another library's": lambda path, vertices, faces: SimpleNamespace(vertices=vertices.tolist(), faces=faces),
+    "reversed": lambda path, vertices, faces: (
+        vertices[::-1],
+        len(vertices) - 1 - faces.astype(np.int8 if len(vertices) < 128 else np.int64),
+    ),
+    "pickled file": lambda path, vertices, faces: pickle.loads(pickle.dumps(gelsim.Mesh.load(path))),
+    "pickled arrays": lambda path, vertices, faces: pickle.loads(pickle.dumps(gelsim.Mesh(vertices, faces))),
+}
+
+
+@pytest.fixture(scope="module")
+def truth(draft, gear):
+    """The gear's press."""
+    return draft.press(gear, POSE)
+
+
+@pytest.mark.parametrize("given", MESHES)
+def test_a_mesh_is_the_same_from_wherever_it_comes(draft, truth, objects, given):
+    path = objects / "gear.obj"
+    ours = draft.press(MESHES[given](path, *corners_and_triangles(path)), POSE)
+    assert np.array_equal(ours.image, truth.image) and np.array_equal(ours.depth, truth.depth)
+
+
+def test_a_mesh_file_may_have_another_unit(gear, objects):
+    scaled = gelsim.Mesh.load(objects / "gear.obj", mm_per_unit=0.5)
+    assert np.allclose(np.diff(scaled.bounds_mm, axis=0) * 2, np.diff(gear.bounds_mm, axis=0))
+
+
+def test_a_placement_is_the_pose_of_the_label(draft, truth, gear):
+    turned = gelsim.Placement(truth.pose[:3], truth.pose[3:])
+    assert np.abs(draft.press(gear, turned).image.astype(int) - truth.image).max() <= 1
+
+
+@pytest.fixture(scope="module")
+def high():
+    return gelsim.Simulator(gelsim.Sensor.preset("digit", set=CAMERA), "high", resolution_px=(60, 80))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda heights: heights, id="float64"),
+        pytest.param(lambda heights: heights.astype(np.float32), id="float32"),
+        pytest.param(lambda heights: heights[..., None], id="one channel"),
+        pytest.param(np.asfortranarray, id="Fortran order"),
+    ],
+)
+def test_heights_give_what_a_sensor_makes_of_them(high, change):
+    heights = np.full((80, 60), -np.inf)
+    heights[20:40, 10:50] = np.linspace(0.2, 0.6, 40)
+    layers = ["depth", "surface", "contact", "normal", "pressure", "gap"]
+    theirs = high.sensor.render(heights, fidelity="high", layers=layers, index=4, seed=5)
+    same(high.press(change(heights), index=4, seed=5).sample(layers), theirs)
+
+
+def test_threads_share_a_simulator_and_noise_follows_the_index(high, gear):
+    alone = [high.press(gear, POSE, index=index).image for index in range(4)]
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(lambda index: high.press(gear, POSE, index=index).image, [*range(4)] * 3))
+    assert all(np.array_equal(image, alone[number % 4]) for number, image in enumerate(together))
+    assert not np.array_equal(alone[0], alone[1])
+
+
+def test_a_soft_object_presses_less(high, gear):
+    assert high.press(gear, POSE, youngs_modulus_kpa=20.0).force_n < 0.9 * high.press(gear, POSE).force_n
+
+
+def test_a_sequence_by_hand_is_the_jobs(gear, objects, tmp_path):
+    """What sticks, slips and rolls, image for image."""
+    path = tmp_path / "sequence.toml"
+    text = ONE_PRESS.format(preset="digit", width=90, height=120, tilt="", pattern="noise", lens=LENS) + SEQUENCE
+    path.write_text(text.replace("OBJECTS", str(objects)))
+    job, _ = warned(lambda: gelsim.Job.load(path, set={"texture.amplitude_mm": 0.0}))
+    simulator = gelsim.Simulator("digit", resolution_px=(90, 120), set={**CAMERA, "markers.pitch_mm": 1.5})
+    states = set()
+    for index in range(2):
+        theirs = job[index]
+        simulator.reset(friction=0.4, index=index, seed=7)
+        for number, (frame, label) in enumerate(zip(theirs["frames"], theirs["label"]["frames"], strict=True)):
+            pose = label["pose"]
+            ours = simulator.step(gear, gelsim.Placement(pose["translation_mm"], pose["quaternion_xyzw"]))
+            where = (index, number, label["phase"])
+            assert ours.frame == number, where
+            # The rotation goes through the label's quaternion; within a frame the job rolls about another point.
+            rolls = label["phase"] in ["roll", "lift", "touch"]
+            off = np.abs(ours.image.astype(int) - frame["tactile"]).max()
+            assert off <= (1 if rolls else 0), where
+            off = np.abs(ours.flow - frame["flow"]).max()
+            assert off < (2e-2 if rolls else 1e-5), where
+            assert np.mean(ours.slip != frame["slip"]) < (1e-3 if rolls else 1e-4), where
+            for name in ["contact", "depth", "surface"]:
+                off = np.abs(ours.sample()[name].astype(float) - frame[name]).mean()
+                assert off < 0.02 * max(frame[name].max(), 1e-9), (where, name)
+            force = label["wrench"]["force_n"]
+            assert np.allclose(ours.wrench[:3], force, atol=(2e-3 if rolls else 1e-5) * max(1.0, -force[2])), where
+            assert ours.slip_state == label["slip"]["state"], where
+            states.add(ours.slip_state)
+    assert states == {"none", "incipient", "gross"}
+
+
+@pytest.fixture(scope="module")
+def slider():
+    return gelsim.Simulator("digit", "draft", resolution_px=(60, 80), flow=True)
+
+
+def slide(simulator, friction, cylinder, indenter=None):
+    """Presses and slides the cylinder, or what `indenter` makes of a press of it."""
+    simulator.reset(friction=friction)
+    found = []
+    for number in range(8):
+        pose = gelsim.Pose(0.4, x_mm=0.15 * max(0, number - 1))
+        press = simulator.press(cylinder, pose)
+        placement = gelsim.Placement(press.pose[:3], press.pose[3:])
+        found.append(simulator.step(*((cylinder, pose) if indenter is None else (indenter(press), placement))))
+    return found
+
+
+@pytest.fixture(scope="module")
+def slides(slider, cylinder):
+    """By friction."""
+    return {friction: slide(slider, friction, cylinder) for friction in [0.2, 0.8, None]}
+
+
+def test_more_friction_pulls_more(slides):
+    pull = {friction: press[-1].wrench[0] for friction, press in slides.items()}
+    normal = -slides[0.2][-1].wrench[2]
+    assert abs(pull[0.2] - 0.2 * normal) < 0.01 * normal
+    assert pull[0.2] < pull[0.8] <= 0.8001 * normal and pull[0.8] < pull[None], pull
+    assert [slides[friction][-1].slip_state for friction in [0.2, None]] == ["gross", "none"]
+
+
+def test_heights_of_an_object_slide_as_its_mesh(slider, cylinder, slides):
+    def heights_of(press):
+        return np.where(press.depth > 0, press.depth, -np.inf).astype(np.float32)
+
+    heights = slide(slider, 0.2, cylinder, heights_of)
+    pull, _, normal = slides[0.2][-1].wrench[:3]
+    assert abs(heights[-1].wrench[0] - pull) < 0.1 * -normal and heights[-1].slip_state == "gross"
+
+
+def test_copies_step_each_their_sequence_in_threads(slider, cylinder, slides):
+    with ThreadPoolExecutor(3) as threads:
+        each = list(threads.map(lambda friction: slide(slider.copy(), friction, cylinder), slides))
+    for friction, found in zip(slides, each, strict=True):
+        for ours, theirs in zip(found, slides[friction], strict=True):
+            same(ours.sample(), theirs.sample())
+
+
+def test_a_step_that_cannot_be_leaves_the_sequence_as_it_is(slider, cylinder, slides):
+    slider.reset(friction=0.2)
+    for number in range(8):
+        press = slider.step(cylinder, gelsim.Pose(0.4, x_mm=0.15 * max(0, number - 1)))
+        refusal(gelsim.UsageError, lambda: slider.step(cylinder, gelsim.Pose(9.0)))
+        turned = gelsim.Placement((0, 0, 0), (0, 0, 1, 1))
+        refusal(gelsim.UsageError, lambda: slider.step(np.zeros((80, 60), np.float32), turned))
+        refusal(TypeError, lambda: slider.step(cylinder, None, texture="noise"))
+        same(press.sample(), slides[0.2][number].sample())
+    assert slider.step(cylinder, gelsim.Pose(-0.5)).slip_state == "none"
+
+
+SHALLOW = gelsim.Pose(0.3)
+CORNERS_MM, FACES = [(-3, -3, 2), (3, -3, 2), (0, 3, 2), (0, 0, 0)], [(3, 0, 1), (3, 1, 2), (3, 2, 0)]
+PYRAMID = (CORNERS_MM, FACES)
+
+
+def test_corners_that_are_no_numbers_go_with_their_triangles_and_a_warning(draft):
+    holes = np.array([*CORNERS_MM, (np.nan, 0, 0)], float)
+    mesh, said = warned(lambda: gelsim.Mesh(holes, [*FACES, (4, 0, 1)], name="holes"))
+    assert mesh.triangles == 3 and len(said) == 1 and "holes" in said[0] and "not finite" in said[0], said
+    assert np.array_equal(draft.press(mesh, SHALLOW).image, draft.press(PYRAMID, SHALLOW).image)
+
+
+@pytest.mark.parametrize("way", ["press", "step"])
+@pytest.mark.parametrize(
+    "change, kind, words",
+    [
+        pytest.param(lambda bad: bad[:79], gelsim.UsageError, "resolution_px=(60, 79)", id="another size"),
+        pytest.param(lambda bad: np.stack([bad, bad]), gelsim.UsageError, "Sensor.render takes several", id="batch"),
+        pytest.param(lambda bad: bad + np.nan, gelsim.UsageError, "not a number", id="nan"),
+        pytest.param(lambda bad: np.where(np.arange(60) > 30, np.inf, bad), gelsim.UsageError, "infinite", id="inf"),
+        pytest.param(lambda bad: bad.astype(np.int32), TypeError, "depth_mm is int32", id="whole numbers"),
+        pytest.param(lambda bad: bad.tolist(), TypeError, "an array of heights", id="list"),
+        pytest.param(lambda bad: np.zeros((0, 0)), gelsim.UsageError, "empty", id="empty"),
+        pytest.param(lambda bad: None, TypeError, "indenter is None", id="None"),
+        pytest.param(lambda bad: (bad,), TypeError, "tuple of 1", id="tuple"),
+    ],
+)
+def test_what_are_no_heights_is_refused(draft, way, change, kind, words):
+    given = change(np.zeros((80, 60), np.float32))
+    pose = [] if way == "press" else [gelsim.Placement((0, 0, 0))]
+    assert_refused(lambda: getattr(draft, way)(given, *pose), kind, words)
+
+
+def test_what_is_far_from_the_pad_touches_nothing(draft):
+    assert not draft.press(PYRAMID, gelsim.Pose(0.3, x_mm=1e4)).in_contact
+
+
+def test_what_no_pixel_sees_is_no_mistake(draft):
+    assert draft.press((np.array(CORNERS_MM) * 1e-6, FACES), SHALLOW).healthy
+
+
+def mesh(vertices, faces=FACES):
+    return lambda draft: draft.press((vertices, faces), SHALLOW)
+
+
+def file(path):
+    return lambda draft: draft.press(path, SHALLOW)
+
+
+def press(indenter, *pose, **more):
+    return lambda draft: draft.press(indenter, *pose, **more)
+
+
+def simulator(*arguments, **more):
+    return lambda draft: gelsim.Simulator(*arguments, **more)
+
+
+def layer(name):
+    return lambda draft: draft.press(PYRAMID, SHALLOW).sample([name])
+
+
+def paper():
+    return gelsim.Simulator("digit", "paper")
+
+
+BALL = "objects/sphere.obj"
+FLAT = np.zeros((80, 60), np.float32)
+WRONG = {"friction": -1.0, "youngs_modulus_kpa": 0.0, "poisson_ratio": 1.0}
+SOFT = {"youngs_modulus_kpa": 9.0}
+
+
+@refusals({
+    "empty lists": (mesh([], []), gelsim.UsageError, "vertices_mm has the shape"),
+    "no corner": (mesh(np.zeros((0, 3)), np.zeros((0, 3), int)), gelsim.UsageError, "no vertex"),
+    "no triangle": (mesh(CORNERS_MM, np.zeros((0, 3), int)), gelsim.UsageError, "no triangle"),
+    "corners of nan": (mesh(np.full((4, 3), np.nan)), gelsim.UsageError, "finite"),
+    "a point": (mesh(np.zeros((4, 3))), gelsim.UsageError, "without area"),
+    "a huge mesh": (mesh(np.array(CORNERS_MM) * 1e9), gelsim.UsageError, "across"),
+    "a corner past the end": (mesh(CORNERS_MM, [(0, 1, 4)]), gelsim.UsageError, "corners 0 to 4"),
+    "a negative corner": (mesh(CORNERS_MM, [(0, 1, -1)]), gelsim.UsageError, "corners -1"),
+    "corners that are no whole numbers": (mesh(CORNERS_MM, [(0.0, 1.0, 2.0)]), TypeError, "whole numbers"),
+    "two corners": (mesh(CORNERS_MM, [(0, 1)]), gelsim.UsageError, "faces has the shape (1, 2)"),
+    "four coordinates": (mesh(np.zeros((4, 4))), gelsim.UsageError, "(4, 4)"),
+    "letters": (mesh([["a", "b", "c"]]), TypeError, "vertices_mm"),
+    "text": (mesh("abc"), TypeError, "vertices_mm"),
+    "ragged corners": (mesh([[1, 2, 3], [4, 5]]), TypeError, "vertices_mm"),
+    "complex corners": (mesh(np.zeros((4, 3), complex)), TypeError, "vertices_mm"),
+    "no arrays": (mesh(None, None), TypeError, "vertices_mm"),
+    "an absent file": (file("absent.stl"), gelsim.UsageError, "absent.stl"),
+    "a folder": (file("objects"), gelsim.UsageError, "mesh"),
+    "a file without ending": (file("objects/gear"), gelsim.UsageError, "gear"),
+    "a path with NUL": (file("a\0b"), gelsim.UsageError, "path"),
+    "a long path": (file("x" * 9999), gelsim.UsageError, "path"),
+    "heights with a pose": (press(FLAT, SHALLOW), gelsim.UsageError, "Placement"),
+    "a mesh without a pose": (press(PYRAMID), gelsim.UsageError, "gelsim.Pose(0.5)"),
+    "deeper than the pad": (press(PYRAMID, gelsim.Pose(4.5)), gelsim.UsageError, "4 mm"),
+    "placed deeper than the pad": (press(PYRAMID, gelsim.Placement((0, 0, -5.0))), gelsim.UsageError, "4 mm"),
+    "shear without flow": (press(PYRAMID, SHALLOW, shear=gelsim.Shear(0.1)), gelsim.UsageError, "flow=True"),
+    "all mistakes at once": (press(PYRAMID, SHALLOW, **WRONG), gelsim.UsageError, ["friction is -1.0", *WRONG]),
+    "heights on a curved gel": (lambda _: gelsim.Simulator("geltip").press(FLAT), gelsim.UsageError, "gel has a shape"),
+    "a soft object at the lowest level": (lambda _: paper().press(BALL, SHALLOW, **SOFT), gelsim.UsageError, "rigid"),
+    "a sequence at the lowest level": (lambda _: paper().step(BALL, SHALLOW), gelsim.UsageError, "paper"),
+    "a mistyped preset": (simulator("digti"), gelsim.UsageError, "did you mean `digit`?"),
+    "an absent sensor": (simulator("absent.toml"), gelsim.UsageError, "absent.toml"),
+    "no level": (simulator("digit", "fine"), gelsim.UsageError, "fidelity level"),
+    "no pixels": (simulator("digit", resolution_px=(0, 80)), gelsim.UsageError, "resolution_px[0]"),
+    "a mistyped key": (simulator("digit", set={"camera.expsoure": 1.0}), gelsim.UsageError, "camera.expsoure"),
+    "a mistyped layer": (layer("detph"), gelsim.UsageError, "depth"),
+    "a layer of other sensors": (layer("markers"), gelsim.UsageError, "no 'markers'"),
+})  # fmt: skip
+def test_is_refused_with_a_way_out(draft, monkeypatch, project, call, kind, words):
+    monkeypatch.chdir(project)
+    assert_refused(lambda: call(draft), kind, words)
