@@ -182,3 +182,8 @@ pub use gelsim_core::{
 pub use crate::file::{ImageExt, SensorExt};
 #[cfg(feature = "files")]
 pub use crate::file::{MeshExt, MeshFileError, SensorFileError};
+
+/// The programs of the page on this library, compiled as doc tests.
+#[cfg(all(doctest, feature = "files"))]
+#[doc = include_str!("../docs/how-to/rust.md")]
+struct RustLibraryPage;

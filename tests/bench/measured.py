@@ -891,9 +891,9 @@ def summed(sentence, test, new, command=STABILITY, **more):
     return Figures("evidence/stability", command, Sentence(sentence), new, f"stability::{test}", **more)
 
 
-def twin(output, rung, index):
+def pipeline_figure(output, level, index):
     """Of surface, normals and light: how far a level is from the pipeline in f64."""
-    return worst(output, f"{rung}: surface {{}} um, normals {{}} degrees, light {{}} levels", index)
+    return worst(output, f"{level}: surface {{}} um, normals {{}} degrees, light {{}} levels", index)
 
 
 def mirrored(output):
@@ -909,7 +909,7 @@ MILLIONTH = "continuity::a_millionth_more_of_anything_does_not_show"
 EDGE = "continuity::an_edge_that_crosses_pixel_centres_moves_by_a_row_of_pixels"
 STEPS = "sweeps::a_step_in_depth_moves_shadows_by_few_levels"
 MIRRORED = "symmetry::a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is"
-TWIN = "twin::every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline"
+REFERENCE_PIPELINE = "pipeline::every_level_gives_the_surface_and_the_image_of_the_f64_pipeline"
 MARCHED = "stages::shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap"
 
 
@@ -930,7 +930,7 @@ STABILITY_FIGURES = [
         tolerance=0.0,
     ),
     summed(
-        "| random extremes of 38 keys at once | {} jobs | {} valid, {} refused |",
+        "| random extremes of 44 keys at once | {} jobs | {} valid, {} refused |",
         "corners::random_corners_of_all_ranges_give_sound_samples_or_are_refused",
         corners,
         command=CORNERS,
@@ -974,9 +974,9 @@ STABILITY_FIGURES = [
     summed(
         "At `reference`, the surface is within {} um, the light within {} levels, and every value of the image is equal. At `high`,"
         " they are within {} um and {} levels. At `draft` and `standard`, the pressure on the pixels that they solve is within {<} % of",
-        TWIN,
+        REFERENCE_PIPELINE,
         lambda output: [
-            *[twin(output, rung, index) for rung in ("Reference", "High") for index in (0, 2)],
+            *[pipeline_figure(output, level, index) for level in ("Reference", "High") for index in (0, 2)],
             100 * worst(output, "pressure {} of the highest"),
         ],
     ),

@@ -17,7 +17,7 @@ pub fn rest() -> RgbImage {
 }
 
 /// What `gelsim calibrate` could have written: red grows with n_x, green with n_y, and all darken with depth.
-fn measured() -> String {
+fn calibration_table() -> String {
     let mut outputs = vec![vec![0.0; 1 + INPUTS + 1]; OUTPUTS];
     for (channel, slopes) in [[0.0, 0.5], [0.5, 0.0], [-0.25, -0.25]].into_iter().enumerate() {
         let rows = &mut outputs[channel * TERMS..];
@@ -43,7 +43,7 @@ fn measured() -> String {
 /// Adds sensor.toml with its table.json and untouched.png.
 pub fn add_sensor(folder: &Folder) {
     rest().save(folder.path("untouched.png")).expect("an image");
-    folder.write("table.json", measured());
+    folder.write("table.json", calibration_table());
     folder.write(
         "sensor.toml",
         "name = \"mine\"\nresolution_px = [96, 72]\nfield_of_view_mm = [19.2, 14.4]\ngelpad_thickness_mm = 3.0\n\
@@ -62,7 +62,7 @@ fn folder() -> Folder {
 fn tables_that_are_none_are_refused_in_words_at_their_key() {
     let folder = folder();
     folder.succeed("plan job.toml");
-    let good = measured();
+    let good = calibration_table();
     let with = |from: &str, to: &str| {
         assert!(good.contains(from), "{from} is not in {good}");
         good.replacen(from, to, 1)
@@ -82,7 +82,7 @@ fn tables_that_are_none_are_refused_in_words_at_their_key() {
         ("a weight too few", with("-0.125,", ""), widths),
         ("an input too few", with("[[0.5,0.5,", "[[0.5,"), "invalid length 11"),
         ("too many units", with(unit, &many), widths),
-        ("a large number", with("-0.125", "1e9"), "not finite, or beyond a million"),
+        ("a large number", with("-0.125", "1e9"), "not finite, or larger than a million"),
         ("more than 32 bits hold", with("-0.125", "-1e300"), "number out of range"),
         ("no scale", with("\"place_mm\":9.5", "\"place_mm\":0.0"), "scales are at least 1e-6"),
         ("a normal longer than 1", with("\"steepest\":0.75", "\"steepest\":1.5"), "its steepest normal at most 1"),
@@ -125,7 +125,7 @@ fn a_table_that_has_changed_is_told_by_its_hash() {
 }
 
 #[test]
-fn measured_light_needs_a_sensor_that_was_measured() {
+fn calibrated_light_needs_a_calibrated_sensor() {
     let folder = Folder::with_job(&format!("{JOB}[optics.calibrated]\nspacing_mm = 0.5\n"));
     let said = folder.fail("plan job.toml", 2);
     assert!(
@@ -158,7 +158,7 @@ fn datasets_of_a_calibrated_sensor_are_resumed_verified_and_reproduced() {
     folder.succeed("generate job.toml --quiet --out out");
     assert_same_files(&complete, &folder.lasting_files("out"));
     // The dataset knows its table by its hash.
-    folder.write("table.json", measured().replacen("-0.125", "-0.25", 1));
+    folder.write("table.json", calibration_table().replacen("-0.125", "-0.25", 1));
     let said = folder.fail("reproduce out 3", 2);
     assert!(said.contains("table.json has changed"), "{said}");
     let said = folder.fail("generate job.toml --out out", 2);
@@ -187,7 +187,7 @@ fn what_the_presses_of_the_calibration_did_not_reach_is_said_by_plan_generate_an
 
     // A table whose presses were as deep and as steep as anything, and other optics: there is nothing to say.
     folder.succeed("generate job.toml --out other --set optics=\"phong\"");
-    let all = measured().replace("\"steepest\":0.75", "\"steepest\":1.0").replace("[-0.25,1.0]", "[-9.0,9.0]");
+    let all = calibration_table().replace("\"steepest\":0.75", "\"steepest\":1.0").replace("[-0.25,1.0]", "[-9.0,9.0]");
     folder.write("table.json", all);
     let said = folder.succeed("generate job.toml --out within");
     assert!(!said.contains(words), "{said}");
@@ -202,7 +202,7 @@ fn light_goes_on_beyond_the_presses_where_the_table_says_how() {
     folder.succeed("generate job.toml --quiet --out clamped");
     let led = r#"{"azimuth_deg":0.0,"elevation_deg":40.0,"intensity":2.0}"#;
     let beyond = format!(r#","beyond":{{"leds":[{led}],"stray_light":[0.1,0.1,0.1],"per_mm":[0.0,0.0,-0.1]}}}}"#);
-    let text = measured().replace("\"calibration_version\":1", "\"calibration_version\":2");
+    let text = calibration_table().replace("\"calibration_version\":1", "\"calibration_version\":2");
     let with = |beyond: &str| text.trim_end().strip_suffix('}').expect("an object").to_owned() + beyond;
     folder.write("table.json", with(&beyond));
     folder.succeed("generate job.toml --quiet --out goes_on");

@@ -204,3 +204,32 @@ fn every_kind_of_penetration_is_solved_on_the_smallest_and_the_thinnest_grids() 
     }
     println!("hard cases: at most {most} iterations");
 }
+
+/// By rounding, corners of a turned object that rests on the pad lie below it, here far beyond the view alone.
+#[test]
+fn an_object_that_rests_on_the_pad_beyond_the_view_gives_an_untouched_image() {
+    for fidelity in ["draft", "standard", "high"] {
+        let plan = crate::plan::plan(&format!(
+            r#"
+            fidelity = "{fidelity}"
+            dataset = {{ name = "resting", samples = 400, seed = 3248140416527614 }}
+            sensor = {{ resolution_px = [24, 18], field_of_view_mm = [0.5, 91.92155141063164], gelpad_poisson_ratio = 0.0 }}
+            indentation.depth_mm = 0.0
+            object = [{{ path = "objects/cube.obj" }}]
+            [pose]
+            yaw_deg = {{ log_uniform = [125.11247484922211, 3384.95981367093] }}
+            tilt_deg = -90.0
+            tilt_azimuth_deg = [-1757.0228170662745, 2410.4912835645337]
+            face = "any"
+            anchor = "contact"
+            x_mm = [-7.75532763417857, 8.815531300383366]
+            y_mm = [-8.0, 9.0]
+            "#
+        ));
+        for index in 0..400 {
+            let sample = gelsim_job::sample::render(&plan, index);
+            assert!(!sample.label.contact.in_contact, "{fidelity}, {index}: {:?}", sample.label.contact);
+            assert_eq!(sample.impression.image.rgb, sample.simulator.untouched().rgb, "{fidelity}, {index}");
+        }
+    }
+}

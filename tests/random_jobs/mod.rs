@@ -114,7 +114,7 @@ fn with_line(text: &str, key: &str, value: &str) -> String {
     text.lines().map(|line| if is_its(line) { format!("{key} = {value}\n") } else { format!("{line}\n") }).collect()
 }
 
-/// A job that is valid.
+/// A job that is valid, not at the ends of ranges.
 pub fn job(draw: Draw) -> impl Strategy<Value = String> {
     let several = matches!(draw, Draw::Ranges);
     let tables: Vec<_> = TABLES.iter().map(|(name, left_out)| table(name, *left_out, draw)).collect();
@@ -133,10 +133,8 @@ pub fn job(draw: Draw) -> impl Strategy<Value = String> {
                 layers.push("pressure");
             }
             let change = |tables: &mut [String], table: &str, key: &str, value: &str| {
-                tables
-                    .iter_mut()
-                    .filter(|text| text.starts_with(table))
-                    .for_each(|text| *text = with_line(text, key, value));
+                let own = tables.iter_mut().filter(|text| text.starts_with(table));
+                own.for_each(|text| *text = with_line(text, key, value));
             };
             change(&mut tables, "[output]", "layers", &format!("{layers:?}"));
             // Several objects at one place are refused.
@@ -145,12 +143,8 @@ pub fn job(draw: Draw) -> impl Strategy<Value = String> {
             }
             // What holds an object while it is pressed in holds it when it is moved.
             if let Some((_, friction)) = gelpad.split_once("friction = ") {
-                change(
-                    &mut tables,
-                    "[shear]",
-                    "friction",
-                    friction.strip_suffix(" }").expect("the last key of its table"),
-                );
+                let friction = friction.strip_suffix(" }").expect("the last key of its table");
+                change(&mut tables, "[shear]", "friction", friction);
             }
             let tables = tables.concat().replace("MODEL", model);
             with_files(format!("{gelpad}\nobject = [{objects}]\nscene.objects_per_sample = [1, {most}]\n{tables}"))
@@ -205,6 +199,9 @@ static FILES: LazyLock<[PathBuf; 2]> = LazyLock::new(|| {
 
 /// The job with the paths of files for their names.
 pub fn with_files(job: String) -> String {
-    let put = |job: String, (name, path): (&str, &PathBuf)| job.replace(name, &path.to_string_lossy());
-    ["PHOTOGRAPH", "HEIGHTS"].into_iter().zip(&*FILES).fold(job, put)
+    let put = |job: String, (at, name): (usize, &str)| match job.contains(name) {
+        true => job.replace(name, &FILES[at].to_string_lossy()),
+        false => job,
+    };
+    ["PHOTOGRAPH", "HEIGHTS"].into_iter().enumerate().fold(job, put)
 }

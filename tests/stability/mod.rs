@@ -5,7 +5,7 @@
 //! must be true of a sample.
 //!
 //! `press` makes jobs whose numbers a test moves one at a time: `continuity` moves them by a millionth, `sweeps` through the
-//! places where the code changes its way of working. `symmetry` turns and mirrors samples; `twin` compares them with
+//! places where the code changes its way of working. `symmetry` turns and mirrors samples; `pipeline` compares them with
 //! the reference pipeline in f64, and `stages` each stage with what follows from the one before; `properties` draws
 //! random jobs. `curved` holds the hard cases of gels that are not flat.
 //!
@@ -19,6 +19,7 @@ mod corners;
 mod curved;
 mod geometry;
 mod light;
+mod pipeline;
 mod press;
 mod properties;
 mod sound;
@@ -26,7 +27,6 @@ mod stages;
 mod sweeps;
 mod symmetry;
 mod texture;
-mod twin;
 
 use case::{Case, Dress};
 

@@ -124,6 +124,11 @@ impl<'a> OutsideCapture<'a> {
         margin_px: usize,
     ) -> Option<Self> {
         let Shape::Mesh(object) = &indenter.shape else { return None };
+        // An object above the pad is not captured in view, either: corners of one that just rests on the pad may lie
+        // below it by rounding.
+        if indenter.depth_mm <= 0.0 {
+            return None;
+        }
         let window = RectMm::around_view(view, margin_px);
         let placement = indenter.pose.placement();
         if window.contains(object_extent_below(0.0, object, &placement, Some(window))) {

@@ -65,7 +65,9 @@ pub fn solve_tangential_motion(
     let friction = held.or(moved.map(|shear| shear.friction));
     let shear = friction.map(|friction| {
         let effect = if moved.is_some() { Effect::Shear } else { Effect::Friction };
-        let motion = moved.map_or_else(Motion::default, |shear| shear.motion);
+        // The torque is taken about the object's point, also where the object is not moved.
+        let about_mm = shear.map_or([0.0; 2], |shear| shear.motion.about_mm);
+        let motion = moved.map_or(Motion { about_mm, ..Motion::default() }, |shear| shear.motion);
         effects.run_timed(effect, || {
             let pushed = held.is_some().then_some(&field);
             let (traction, outcome) =

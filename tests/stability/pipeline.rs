@@ -59,7 +59,7 @@ fn factor(level: Fidelity) -> usize {
 }
 
 #[test]
-fn every_rung_gives_the_surface_and_the_image_of_the_f64_pipeline() {
+fn every_level_gives_the_surface_and_the_image_of_the_f64_pipeline() {
     let plan_of = |object, level| Setting { object, level, ..SETTING }.plan(&NUMBERS).with_policy(EffectPolicy::All);
     let plan = plan_of(OBJECTS[0], Fidelity::Reference);
     let margin = |plan: &Plan| plan.simulator.pad().capture_window(NUMBERS.depth_mm).margin_px;
