@@ -86,7 +86,7 @@ fn tables_that_are_none_are_refused_in_words_at_their_key() {
         ("more than 32 bits hold", with("-0.125", "-1e300"), "number out of range"),
         ("no scale", with("\"place_mm\":9.5", "\"place_mm\":0.0"), "scales are at least 1e-6"),
         ("a normal longer than 1", with("\"steepest\":0.75", "\"steepest\":1.5"), "its steepest normal at most 1"),
-        ("heights without 0", with("[-0.25,1.0]", "[0.25,1.0]"), "its heights hold 0"),
+        ("heights without 0", with("[-0.25,1.0]", "[0.25,1.0]"), "its heights include 0"),
         ("no disc", with("\"contact_over_disc\":0.9375", "\"contact_over_disc\":0.0"), "contact_over_disc is 0"),
         ("another key", with("\"steepest\":", "\"steep\":"), "unknown field `steep`"),
         ("the future", with("\"calibration_version\":1", "\"calibration_version\":3"), "which is newer than this one"),
