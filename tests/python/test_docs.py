@@ -14,14 +14,15 @@ import io
 import json
 import math
 import os
+import pathlib
 import re
 import subprocess
 import tarfile
 import tomllib
 
 import pytest
-from conftest import PROJECT
 
+PROJECT = pathlib.Path(__file__).resolve().parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
 NAMES = [str(page.relative_to(PROJECT)) for page in PAGES]
 CARGO = {
