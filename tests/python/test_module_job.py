@@ -309,8 +309,10 @@ def test_generate_goes_on_with_what_is_there(mixed, tmp_path):
 
 
 def test_control_c_ends_generate_between_samples_and_the_process_goes_on(mixed, tmp_path):
+    # A shell starts what runs in the background with SIGINT ignored, and Python leaves it so.
     code = (
-        "import sys, gelsim\ntry:\n    gelsim.generate(sys.argv[1], sys.argv[2], samples=3000, threads=1)\n"
+        "import signal, sys, gelsim\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "try:\n    gelsim.generate(sys.argv[1], sys.argv[2], samples=3000, threads=1)\n"
         "except KeyboardInterrupt:\n    print('interrupted', flush=True)\n"
         "print(gelsim.generate(sys.argv[1], sys.argv[2] + '-2', samples=2).samples)"
     )
