@@ -46,7 +46,7 @@ fn names(ending: &str) -> BTreeSet<String> {
 
 /// The name of the job that a picture shows, and what of its sample.
 fn parts(name: &str) -> (&str, &str) {
-    name.rsplit_once('.').unwrap_or_else(|| panic!("{name}.png says not what it shows"))
+    name.rsplit_once('.').unwrap_or_else(|| panic!("{name}.png does not say what it shows"))
 }
 
 /// Every picture, and of jobs that have none the tactile image.

@@ -10,6 +10,7 @@ A block fenced as `console` is a command (`$ gelsim list layers`) and what it pr
 """
 
 import csv
+import functools
 import io
 import json
 import math
@@ -137,13 +138,12 @@ def run_elsewhere(command):
     return next((key for key in ELSEWHERE if command == key or "\n" in command and key in command), None)
 
 
-def options_of(name, helps={}):
-    """The options that a subcommand's help names; none if there is no such subcommand."""
-    if name not in helps:
-        done = subprocess.run(["gelsim", *name.split(), "--help"], capture_output=True, text=True)
-        found = re.findall(r"--[a-z][a-z-]*", done.stdout)
-        helps[name] = {*found, "--help", "--version"} if done.returncode == 0 else None
-    return helps[name]
+@functools.cache
+def options_of(name):
+    """The options that a subcommand's help names; None if there is no such subcommand."""
+    done = subprocess.run(["gelsim", *name.split(), "--help"], capture_output=True, text=True)
+    found = re.findall(r"--[a-z][a-z-]*", done.stdout)
+    return {*found, "--help", "--version"} if done.returncode == 0 else None
 
 
 def unknown_options(command):

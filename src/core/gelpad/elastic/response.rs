@@ -100,15 +100,7 @@ impl PressureResponse {
         let full_kernel = wide.crop(Rect::whole(size[0], size[1]));
         // A coarser grid may have one pixel more than counted here, depending on how it was made.
         let plans = Arc::new(FftPlans::new(2 * window[0].max(window[1]) + 16));
-        Self {
-            layer,
-            mm_per_px,
-            largest_compliance: layer.largest_compliance(),
-            object_compliance: 0.0,
-            full_kernel,
-            plans,
-            fields,
-        }
+        Self { fields, ..Self::from_kernel(layer, mm_per_px, full_kernel, plans) }
     }
 
     /// Makes a response, not split, from a known kernel.
