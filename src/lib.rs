@@ -147,6 +147,7 @@ pub use gelsim_core::{
     base::grid::Resolution,
     gelpad::Model as GelpadModel,
     gelpad::elastic::Elastic,
+    gelpad::finite_strain::{FiniteStrain, StrainSettings},
     gelpad::gaussian::Gaussian,
     gelpad::mean_blur::MeanBlur,
     gelpad::no_deformation::NoDeformation,
@@ -175,7 +176,7 @@ pub use gelsim_core::{
     gelpad::subpixel::{SampledPixel, Subpixel},
     gelpad::tangential::TangentialMotion,
     gelpad::total_contact::TotalContact,
-    gelpad::{Contact, Numerics},
+    gelpad::{Contact, Numerics, Theory},
     impression::{Impression, SlidingState},
 };
 

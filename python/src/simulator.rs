@@ -388,6 +388,11 @@ impl Engine {
             let message = format!("fidelity `{}` takes every object for rigid", plan.fidelity().name());
             return Err(mistake_error(message, "take a finer level, or leave youngs_modulus_kpa out"));
         }
+        let gelpad = &plan.simulator.models().gelpad;
+        if friction.is_some() && gelpad.friction().is_some() && gelpad.strain_settings().is_some() {
+            let message = "at finite strain the pad sticks to every object: one with a friction is not simulated";
+            return Err(mistake_error(message, "leave friction out, or take gelsim.Simulator(sensor, \"high\")"));
+        }
         if shear.is_some() && !plan.simulator.knows_tractions() {
             let message = "nothing shows how the pad moves in its own plane, and so no shear";
             let help = "gelsim.Simulator(..., flow=True) at a finer level than `paper`, or a sensor with markers";
@@ -452,6 +457,13 @@ impl Engine {
         if !self.plan.simulator.models().gelpad.knows_tractions() {
             let message = format!("fidelity `{}` knows no friction, and so no sequence", self.plan.fidelity().name());
             return Err(mistake_error(message, "take a finer level, such as gelsim.Simulator(sensor, \"draft\")"));
+        }
+        if let Some(strain) = self.plan.simulator.models().gelpad.strain_settings() {
+            let (what, help) = match strain.thorough {
+                true => ("the fidelity level finite-strain", "take gelsim.Simulator(sensor, \"high\")"),
+                false => ("gelpad.elastic.strain_correction", "leave it out"),
+            };
+            return Err(mistake_error(format!("{what} is for single presses, not for the frames of a sequence"), help));
         }
         if pose.is_none() {
             let help =

@@ -146,7 +146,7 @@ fn fidelity_row(level: Fidelity) -> Result<ListRow, Failure> {
     let with_calibration = serde_json::to_value(&calibrated.optics).map_err(failed)?;
     let name = level.name();
     let line = format!(
-        "{name:<9}  {}\n{:<9}  gelpad: {}\n{:<9}  optics: {}; with a calibration, {}",
+        "{name:<13}  {}\n{:<13}  gelpad: {}\n{:<13}  optics: {}; with a calibration, {}",
         level.summary(),
         "",
         describe_value(&gelpad),

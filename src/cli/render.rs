@@ -10,7 +10,6 @@ use super::store::local_path_parser;
 use super::{Failure, Log, MAX_THREADS, print_to_stderr, threads_failure};
 use gelsim_core::camera::projection::LensModel;
 use gelsim_core::fidelity::Fidelity;
-use gelsim_core::gelpad;
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::sensor::Sensor;
 use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
@@ -268,14 +267,23 @@ impl Render {
             return Err(user_error("--sequence and motion after the press exclude each other", help));
         }
         if self.sequence.is_some() {
-            if !matches!(plan.simulator.models().gelpad, gelpad::Model::Elastic(_)) {
+            let model = &plan.simulator.models().gelpad;
+            if let Some(strain) = model.strain_settings() {
+                let (what, help) = match strain.thorough {
+                    true => ("the fidelity level finite-strain", "choose --fidelity high"),
+                    false => ("gelpad.elastic.strain_correction", "leave it out"),
+                };
+                let message = format!("{what} is for single presses, not for the frames of a sequence");
+                return Err(user_error(message, help));
+            }
+            if !model.knows_tractions() {
                 let help = "choose --fidelity draft or better";
                 return Err(user_error(
                     "this model of the gelpad knows no tractions, which a sequence carries on",
                     help,
                 ));
             }
-            if plan.simulator.models().gelpad.friction().is_some() {
+            if model.friction().is_some() {
                 let help = "leave gelpad.elastic.friction out";
                 return Err(user_error("a sequence has a friction of its own", help));
             }

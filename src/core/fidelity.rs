@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::grid::Resolution;
 use crate::gelpad;
 use crate::gelpad::elastic::Elastic;
+use crate::gelpad::finite_strain::FiniteStrain;
 use crate::gelpad::mean_blur::MeanBlur;
 use crate::optics;
 use crate::optics::LightSource;
@@ -29,6 +30,9 @@ pub enum Fidelity {
     High,
     /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
     Reference,
+    /// Elastic pad at finite strain (neo-Hookean), solved in a box around the contact.
+    #[serde(rename = "finite-strain")]
+    FiniteStrain,
 }
 
 /// The models of gelpad and light that a simulator uses.
@@ -42,7 +46,8 @@ pub struct Models {
 
 impl Fidelity {
     /// Every level, from cheap to exact.
-    pub const ALL: [Self; 5] = [Self::Paper, Self::Draft, Self::Standard, Self::High, Self::Reference];
+    pub const ALL: [Self; 6] =
+        [Self::Paper, Self::Draft, Self::Standard, Self::High, Self::Reference, Self::FiniteStrain];
 
     /// Returns the level's name in jobs and labels.
     pub fn name(self) -> &'static str {
@@ -52,6 +57,7 @@ impl Fidelity {
             Self::Standard => "standard",
             Self::High => "high",
             Self::Reference => "reference",
+            Self::FiniteStrain => "finite-strain",
         }
     }
 
@@ -70,13 +76,14 @@ impl Fidelity {
             Self::Reference => {
                 "Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against"
             }
+            Self::FiniteStrain => "Elastic pad at finite strain (neo-Hookean), solved in a box around the contact",
         }
     }
 
     /// Returns the models that the level stands for, by what is known of the sensor's light.
     pub fn models(self, light: LightSource) -> Models {
         let elastic = |resolution, tolerance_um, max_iterations| {
-            gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations, friction: None })
+            gelpad::Model::Elastic(Elastic { resolution, tolerance_um, max_iterations, ..Elastic::default() })
         };
         let phong = |shadows| optics::Model::Phong(Phong { shadows, ..Phong::default() });
         Models {
@@ -86,6 +93,7 @@ impl Fidelity {
                 Self::Standard => elastic(Resolution::Half, 1.0, 200),
                 Self::High => elastic(Resolution::Full, 1.0, 200),
                 Self::Reference => elastic(Resolution::Full, 0.05, 1000),
+                Self::FiniteStrain => gelpad::Model::FiniteStrain(FiniteStrain::default()),
             },
             optics: match (light, self) {
                 // One choice for all levels: a finer spacing costs much, and its error is nothing beside the distance to
@@ -99,7 +107,7 @@ impl Fidelity {
                 (LightSource::Leds, Self::Standard) => {
                     phong(Shadows::Soft(SoftShadows { resolution: Resolution::Half }))
                 }
-                (LightSource::Leds, Self::High | Self::Reference) => {
+                (LightSource::Leds, Self::High | Self::Reference | Self::FiniteStrain) => {
                     phong(Shadows::Soft(SoftShadows { resolution: Resolution::Full }))
                 }
             },

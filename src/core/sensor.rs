@@ -115,6 +115,11 @@ pub enum SensorError {
     /// It has pins, but its gel is flat.
     #[error("a sensor with pins needs the shape of its gel")]
     Pins,
+    /// The fidelity level solves finite strain, which is for flat pads, and the gel of this sensor has a shape.
+    #[error(
+        "the fidelity level finite-strain is for flat pads, and this sensor's gel has a shape: take the level high"
+    )]
+    FiniteStrainOnCurvedGel,
     /// The camera sees no gel.
     #[error("the camera sees no gel: move it, or turn it towards the gel")]
     NoGelInView,

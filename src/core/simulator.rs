@@ -106,6 +106,14 @@ pub enum PressError {
     /// A height map lies over a flat pad, and this sensor's gel has a shape.
     #[error("a height map lies over a flat pad, and the gel of this sensor has a shape: press a mesh into it")]
     HeightMapOnCurvedGel,
+    /// Finite strain is solved on flat pads, and this sensor's gel has a shape.
+    #[error(
+        "finite strain is solved on flat pads, and the gel of this sensor has a shape: take the fidelity level high"
+    )]
+    FiniteStrainOnCurvedGel,
+    /// At finite strain the pad sticks to the object or slides freely.
+    #[error("at finite strain the pad sticks or slides freely: give the object no friction of its own")]
+    CoulombAtFiniteStrain,
     /// A number is NaN or infinite.
     #[error("the {0} of the press is NaN or infinite")]
     NotFinite(&'static str),
@@ -147,13 +155,22 @@ impl Simulator {
     /// # Errors
     ///
     /// If the indenter is a height map of another size than the sensor's image, or a height map over a gel that has a
-    /// shape, or if a number of the press is NaN or infinite.
+    /// shape, or if a number of the press is NaN or infinite. If the model of the gelpad solves finite strain, also if the
+    /// gel has a shape or friction is Coulomb's.
     pub fn try_press(&self, press: &Press) -> Result<Impression, PressError> {
         self.check_press(press)?;
         Ok(self.render_press(press, None))
     }
 
     fn check_press(&self, press: &Press) -> Result<(), PressError> {
+        if self.models.gelpad.strain_settings().is_some() {
+            if self.curved.is_some() {
+                return Err(PressError::FiniteStrainOnCurvedGel);
+            }
+            if let Some(Friction::Coulomb { .. }) = self.holding_friction(press) {
+                return Err(PressError::CoulombAtFiniteStrain);
+            }
+        }
         if let Shape::HeightMap(map) = &press.indenter.shape {
             let (found, expected) = ([map.above_mm.width, map.above_mm.height], self.view.resolution_px);
             if self.curved.is_some() {

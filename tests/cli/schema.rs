@@ -206,7 +206,7 @@ fn the_schema_takes_every_level_bound_and_model_that_the_program_takes_and_no_ot
     assert!(fidelity.iter().all(|form| form["description"].as_str().is_some_and(|text| !text.contains("[`"))));
 
     let models = serde_json::to_string(&forms("gelpad")).expect("JSON");
-    for model in ["none", "mean_blur", "gaussian", "elastic"] {
+    for model in ["none", "mean_blur", "gaussian", "elastic", "finite_strain"] {
         assert!(models.contains(&format!("\"{model}\"")), "{model} in {models}");
         let read: Model = serde_json::from_value(serde_json::json!({ model: {} })).expect("defaults for every key");
         assert_eq!(read.name(), model);

@@ -130,12 +130,12 @@ fn four_files_and_a_table_are_the_result() {
 }
 
 #[test]
-fn errors_fall_from_level_to_level_on_a_smooth_object() {
+fn errors_fall_from_level_to_level_of_linear_theory_on_a_smooth_object() {
     let folder = Folder::with_job(&smooth());
     folder.succeed("tradeoff job.toml --samples 4 --out out");
     let rows = check_rows(&folder, "out");
     for column in ["height_rms_um", "height_max_um", "normal_mean_deg", "normal_p95_deg", "image_mae"] {
-        let errors: Vec<f64> = rows.iter().map(|row| number(row, column)).collect();
+        let errors: Vec<f64> = rows[..5].iter().map(|row| number(row, column)).collect();
         assert!(errors.is_sorted_by(|a, b| a > b), "{column}: {errors:?}");
     }
     for column in ["image_psnr_db", "image_ssim"] {
@@ -144,7 +144,7 @@ fn errors_fall_from_level_to_level_on_a_smooth_object() {
     }
     // A blur knows no force; the others come nearer to the reference's.
     assert_eq!(rows[0]["force_error_percent"], "");
-    let force: Vec<f64> = rows[1..].iter().map(|row| number(row, "force_error_percent")).collect();
+    let force: Vec<f64> = rows[1..5].iter().map(|row| number(row, "force_error_percent")).collect();
     assert!(force.is_sorted_by(|a, b| a > b) && force[3] == 0.0, "{force:?}");
 }
 

@@ -15,7 +15,7 @@ use std::time::Duration;
 use exr::prelude::{ReadChannels, ReadLayers};
 use gelsim_core::base::grid::{Rect, bounding_box};
 use gelsim_core::base::view::SURFACE_BORDER;
-use gelsim_core::gelpad::{Model, Pad};
+use gelsim_core::gelpad::Pad;
 use gelsim_core::optics::normals::surface_normals;
 use gelsim_dataset::archive::Member;
 use gelsim_dataset::encode;
@@ -205,7 +205,7 @@ fn solution(plan: &Plan, sample: &Sample, figures: &mut Figures) -> Result<(), S
     figures.iterations = numerics.iterations;
     figures.touching = u32::from(sample.label.contact.in_contact);
     figures.unsolved = u32::from(!numerics.converged);
-    let Model::Elastic(elastic) = &plan.simulator.models().gelpad else {
+    let Some(elastic) = plan.simulator.models().gelpad.contact_solver() else {
         ensure!(numerics.converged && numerics.residual_um.is_none(), "a direct model that iterates");
         return Ok(());
     };

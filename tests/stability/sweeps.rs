@@ -36,7 +36,7 @@ fn allowed_um(level: Fidelity, step_um: f64, pitch_mm: f64) -> f64 {
         Fidelity::Paper => (0.01, 0.0),
         Fidelity::Draft => (3.0, 4.0),
         Fidelity::Standard => (1.0, 2.0),
-        Fidelity::High => (1.0, 0.0),
+        Fidelity::High | Fidelity::FiniteStrain => (1.0, 0.0),
         Fidelity::Reference => (0.05, 0.0),
     };
     // Incompressible pads give way beside the object by more than it moves.

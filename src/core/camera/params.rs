@@ -84,6 +84,7 @@ impl CameraParams {
                 | Effect::RestShape
                 | Effect::Deformation
                 | Effect::Friction
+                | Effect::FiniteStrain
                 | Effect::Supersampling
                 | Effect::Shear
                 | Effect::Shading

@@ -10,6 +10,7 @@ use crate::depth::{CaptureWindow, Depth};
 use crate::effects::{Effect, EffectLog, Requirement};
 
 pub mod elastic;
+pub mod finite_strain;
 pub mod gaussian;
 pub mod material;
 pub mod mean_blur;
@@ -27,7 +28,8 @@ use elastic::friction::FrictionDisplacement;
 use elastic::in_plane::{InPlaneResponse, Load};
 use elastic::layer::ElasticLayer;
 use elastic::shear::Friction;
-use elastic::{Elastic, PriorDisplacement};
+use elastic::{Elastic, ElasticPad, PriorDisplacement};
+use finite_strain::{FiniteStrain, StrainSettings};
 use gaussian::Gaussian;
 use material::Material;
 use mean_blur::MeanBlur;
@@ -54,6 +56,8 @@ pub enum Model {
     Gaussian(Gaussian),
     /// Bonded elastic layer in contact, frictionless unless friction is given.
     Elastic(Elastic),
+    /// Bonded layer of rubber at finite strain (neo-Hookean), frictionless unless friction is given.
+    FiniteStrain(FiniteStrain),
 }
 
 impl Model {
@@ -64,6 +68,7 @@ impl Model {
             Self::MeanBlur(_) => "mean_blur",
             Self::Gaussian(_) => "gaussian",
             Self::Elastic(_) => "elastic",
+            Self::FiniteStrain(_) => "finite_strain",
         }
     }
 
@@ -71,6 +76,7 @@ impl Model {
     pub fn friction(&self) -> Option<Friction> {
         match self {
             Self::Elastic(elastic) => elastic.friction,
+            Self::FiniteStrain(strain) => strain.friction,
             Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
@@ -79,6 +85,7 @@ impl Model {
     pub fn with_friction(self, friction: Option<Friction>) -> Self {
         match self {
             Self::Elastic(elastic) => Self::Elastic(Elastic { friction, ..elastic }),
+            Self::FiniteStrain(strain) => Self::FiniteStrain(FiniteStrain { friction, ..strain }),
             without @ (Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_)) => without,
         }
     }
@@ -87,7 +94,7 @@ impl Model {
     /// pressure and a load.
     pub fn knows_pressure(&self) -> bool {
         match self {
-            Self::Elastic(_) => true,
+            Self::Elastic(_) | Self::FiniteStrain(_) => true,
             Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => false,
         }
     }
@@ -95,8 +102,26 @@ impl Model {
     /// Returns true if the model computes motion of the pad in its own plane.
     pub fn knows_tractions(&self) -> bool {
         match self {
-            Self::Elastic(_) => true,
+            Self::Elastic(_) | Self::FiniteStrain(_) => true,
             Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => false,
+        }
+    }
+
+    /// Returns the settings by which the model solves the contact on the camera's grid; `None` if it solves none.
+    pub fn contact_solver(&self) -> Option<Elastic> {
+        match self {
+            Self::Elastic(elastic) => Some(*elastic),
+            Self::FiniteStrain(strain) => Some(strain.linear_layer()),
+            Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => None,
+        }
+    }
+
+    /// Returns how the model solves for the difference between rubber and a linear layer; `None` if it does not.
+    pub fn strain_settings(&self) -> Option<StrainSettings> {
+        match self {
+            Self::Elastic(elastic) => elastic.strain_settings(),
+            Self::FiniteStrain(strain) => Some(strain.strain_settings()),
+            Self::None(_) | Self::MeanBlur(_) | Self::Gaussian(_) => None,
         }
     }
 }
@@ -109,8 +134,8 @@ pub enum Pad {
     MeanBlur(MeanBlur),
     /// See [`Model::Gaussian`].
     Gaussian(Gaussian),
-    /// See [`Model::Elastic`].
-    Elastic(Box<elastic::ElasticPad>),
+    /// See [`Model::Elastic`] and [`Model::FiniteStrain`].
+    Elastic(Box<ElasticPad>),
 }
 
 impl Pad {
@@ -120,7 +145,11 @@ impl Pad {
             Model::None(_) => Self::None,
             Model::MeanBlur(blur) => Self::MeanBlur(*blur),
             Model::Gaussian(gaussian) => Self::Gaussian(gaussian.clone()),
-            Model::Elastic(elastic) => Self::Elastic(Box::new(elastic::ElasticPad::new(elastic, material, view))),
+            Model::Elastic(elastic) => Self::Elastic(Box::new(ElasticPad::new(elastic, material, view))),
+            Model::FiniteStrain(strain) => {
+                let layer = ElasticPad::new(&strain.linear_layer(), material, view);
+                Self::Elastic(Box::new(layer.with_strain(strain.strain_settings())))
+            }
         }
     }
 
@@ -265,6 +294,13 @@ pub fn deform_pad(
         Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_) => Requirement::Absent("the gelpad model knows none"),
     };
     let holds = effects.enable(Effect::Friction, friction);
+    let strain = match pad {
+        Pad::Elastic(pad) if pad.strain_settings().is_none() => Requirement::Absent("the gelpad model is linear"),
+        Pad::Elastic(pad) if deforms && !clear => pad.finite_strain_required(depth),
+        Pad::Elastic(_) => Requirement::Absent("the pad is not deformed"),
+        Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_) => Requirement::Absent("the gelpad model knows no strain"),
+    };
+    let corrects = effects.enable(Effect::FiniteStrain, strain);
     match pad {
         Pad::Elastic(pad) if deforms || clear => {
             let outside = outside.and_then(|outside| outside.displacement.as_ref());
@@ -274,9 +310,12 @@ pub fn deform_pad(
                 None => None,
             };
             let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
-            effects.run_timed(Effect::Deformation, || {
-                pad.press_displaced_pad(depth, PriorDisplacement { outside, friction: drag })
-            })
+            let strain = match corrects {
+                true => effects.run_timed(Effect::FiniteStrain, || pad.solve_finite_strain(depth, outside)),
+                false => None,
+            };
+            let prior = PriorDisplacement { outside, friction: drag, strain: strain.as_ref() };
+            effects.run_timed(Effect::Deformation, || pad.press_displaced_pad(depth, prior))
         }
         _ if deforms || clear => effects.run_timed(Effect::Deformation, || pad.press(depth)),
         _ => no_deformation::press(depth),
@@ -349,6 +388,20 @@ impl Contact {
     }
 }
 
+/// The theory of elasticity by which a press was solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Theory {
+    /// None: the model is not elastic.
+    #[default]
+    None,
+    /// Linear elasticity, for small strain.
+    Linear,
+    /// Linear elasticity, corrected by rubber at finite strain.
+    FiniteStrain,
+}
+
 /// Quality of a solution, as the model reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -361,6 +414,14 @@ pub struct Numerics {
     pub residual_um: Option<f64>,
     /// Largest expected error of the model's theory within 2 mm of the contact, um, or why it is not known.
     pub model_error_um: Result<f64, &'static str>,
+    /// The theory by which the press was solved.
+    pub theory: Theory,
+    /// Radius by which the object's edges were rounded for the solution at finite strain, mm; 0 without it.
+    pub opened_mm: f64,
+    /// Number of iterations of the solution at finite strain; 0 without it.
+    pub strain_iterations: u32,
+    /// Largest error that the solution at finite strain left, um; 0 without it.
+    pub strain_residual_um: f64,
 }
 
 impl Numerics {
@@ -370,6 +431,10 @@ impl Numerics {
         iterations: 0,
         residual_um: None,
         model_error_um: Err("the model of the gelpad knows no error of its own"),
+        theory: Theory::None,
+        opened_mm: 0.0,
+        strain_iterations: 0,
+        strain_residual_um: 0.0,
     };
 }
 

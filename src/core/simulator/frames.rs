@@ -13,15 +13,19 @@ use crate::pose::Pose;
 use super::{Press, PressError, Simulator};
 
 impl Simulator {
-    /// Begins a sequence with this friction; `None` if the model of the gelpad knows no tractions.
+    /// Begins a sequence with this friction; `None` if the model of the gelpad knows no tractions, or solves finite
+    /// strain, which sequences do not.
     pub fn sliding(&self, friction: Friction) -> Option<Sliding> {
         self.frame_pad().map(|pad| Sliding::new(pad, friction))
     }
 
     /// Returns the pad under objects that slide, prepared on first use; `None` if the model of the gelpad knows no
-    /// tractions.
+    /// tractions, or solves finite strain.
     fn frame_pad(&self) -> Option<&SlidingPad> {
         let gelpad::Model::Elastic(elastic) = &self.models.gelpad else { return None };
+        if elastic.strain_correction {
+            return None;
+        }
         Some(self.frame_pad.get_or_init(|| SlidingPad::new(elastic, &self.sensor.gelpad, &self.view)))
     }
 

@@ -24,10 +24,15 @@ impl Simulator {
     ///
     /// # Errors
     ///
-    /// If the sensor cannot be simulated: see [`Sensor::check`].
+    /// If the sensor cannot be simulated: see [`Sensor::check`]. Also if the level solves finite strain, and the sensor's
+    /// gel has a shape.
     pub fn new(sensor: &Sensor, fidelity: Fidelity) -> Result<Self, SensorError> {
         sensor.check()?;
-        Ok(Self::with_models(sensor.clone(), fidelity.models(sensor.light_source()), EffectPolicy::default()))
+        let models = fidelity.models(sensor.light_source());
+        if sensor.shape.is_some() && models.gelpad.strain_settings().is_some() {
+            return Err(SensorError::FiniteStrainOnCurvedGel);
+        }
+        Ok(Self::with_models(sensor.clone(), models, EffectPolicy::default()))
     }
 
     /// Prepares a sensor with any models, and with a policy for the effects.

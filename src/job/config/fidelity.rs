@@ -21,6 +21,9 @@ pub enum FidelityChoice {
     /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: the level with which the others are
     /// compared.
     Reference,
+    /// Elastic pad at finite strain (neo-Hookean), solved in a box around the contact.
+    #[serde(rename = "finite-strain")]
+    FiniteStrain,
     /// The cheapest level whose surface is this close to that of `reference`, um (root mean square over the view, in at
     /// least 99 % of the samples).
     MaxErrorUm(f64),
@@ -38,6 +41,7 @@ impl FidelityChoice {
             Self::Standard => Some(Fidelity::Standard),
             Self::High => Some(Fidelity::High),
             Self::Reference => Some(Fidelity::Reference),
+            Self::FiniteStrain => Some(Fidelity::FiniteStrain),
             Self::MaxErrorUm(_) | Self::MaxMs(_) => None,
         }
     }
@@ -51,6 +55,7 @@ impl From<Fidelity> for FidelityChoice {
             Fidelity::Standard => Self::Standard,
             Fidelity::High => Self::High,
             Fidelity::Reference => Self::Reference,
+            Fidelity::FiniteStrain => Self::FiniteStrain,
         }
     }
 }

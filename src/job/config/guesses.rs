@@ -246,6 +246,7 @@ const CHOICE_GUESSES: &[(&[&str], &[&str])] = &[
     (&["medium", "normal", "default", "balanced"], &["standard"]),
     (&["accurate", "fine", "best"], &["high"]),
     (&["exact", "max", "ultra"], &["reference"]),
+    (&["finitestrain", "nonlinear", "neo_hookean", "hyperelastic"], &["finite-strain", "finite_strain"]),
     (&["fem", "soft", "mechanical"], &["elastic"]),
     (&["lookup", "lut", "table", "taxim", "polynomial", "measured", "calibration"], &["calibrated"]),
     (&["skip", "ignore", "drop"], &["skip", "reject"]),

@@ -5,6 +5,7 @@ use super::Job;
 use super::document::Document;
 use gelsim_core::fidelity::{Fidelity, Models};
 use gelsim_core::gelpad;
+use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::optics;
 use gelsim_core::optics::phong::Shadows;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
@@ -84,7 +85,7 @@ impl LevelChange<'_> {
 
     /// Returns what stays of a job's gelpad; `None` if nothing but what the level chooses.
     fn merge_gelpad(&mut self, own: gelpad::Model, before: &Models, after: &Models) -> Option<gelpad::Model> {
-        use gelpad::Model::{Elastic, MeanBlur};
+        use gelpad::Model::{Elastic, FiniteStrain, MeanBlur};
         match (own, &before.gelpad, &after.gelpad) {
             (Elastic(own), before, Elastic(after)) => {
                 let before = if let Elastic(before) = before { Some(before) } else { None };
@@ -106,13 +107,40 @@ impl LevelChange<'_> {
                     most_after,
                     show,
                 );
-                Some(Elastic(gelpad::elastic::Elastic { friction: own.friction, ..*after }))
+                let gelpad::elastic::Elastic { friction, strain_correction, .. } = own;
+                Some(Elastic(gelpad::elastic::Elastic { friction, strain_correction, ..*after }))
             }
-            (Elastic(own), Elastic(_), after) => {
+            (FiniteStrain(own), before, FiniteStrain(after)) => {
+                let before = if let FiniteStrain(before) = before { Some(before) } else { None };
+                let path = |key: &str| format!("gelpad.finite_strain.{key}");
+                let show = |value: Option<f64>| value.map_or(String::from("nothing"), |mm| mm.to_string());
+                self.require_level_value(&path("box_mm"), own.box_mm, before.map(|b| b.box_mm), after.box_mm, show);
+                let show = |value: f64| value.to_string();
+                let [own_um, after_um] = [own.tolerance_um, after.tolerance_um];
+                self.require_level_value(&path("tolerance_um"), own_um, before.map(|b| b.tolerance_um), after_um, show);
+                Some(FiniteStrain(gelpad::finite_strain::FiniteStrain { friction: own.friction, ..*after }))
+            }
+            // Friction is physics, and stays.
+            (Elastic(own), Elastic(_), FiniteStrain(_)) if matches!(own.friction, Some(Friction::Coulomb { .. })) => {
+                let of_level = "the gelpad model finite_strain, whose pad sticks or slides freely";
+                self.refuse_key("gelpad.elastic.friction", "Coulomb friction", of_level);
+                None
+            }
+            (own @ Elastic(_), Elastic(_), after @ FiniteStrain(_))
+            | (own @ FiniteStrain(_), FiniteStrain(_), after @ Elastic(_)) => {
+                Some(after.clone().with_friction(own.friction()))
+            }
+            (own @ (Elastic(_) | FiniteStrain(_)), before, after)
+                if own.name() == before.name() && !after.knows_tractions() =>
+            {
                 // The level's pad has no tractions, and so no friction.
-                if own.friction.is_some() {
+                if own.friction().is_some() {
                     let of_level = format!("the gelpad model {}, which knows no friction", after.name());
-                    self.refuse_key("gelpad.elastic.friction", "that the pad is held", &of_level);
+                    self.refuse_key(&format!("gelpad.{}.friction", own.name()), "that the pad is held", &of_level);
+                }
+                if let Elastic(gelpad::elastic::Elastic { strain_correction: true, .. }) = own {
+                    let of_level = format!("the gelpad model {}, which knows no strain", after.name());
+                    self.refuse_key("gelpad.elastic.strain_correction", "true", &of_level);
                 }
                 None
             }

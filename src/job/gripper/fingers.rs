@@ -7,7 +7,6 @@ use super::label::{GripperLabel, TransformLabel};
 use crate::label::PoseLabel;
 use crate::plan::Plan;
 use crate::scene::Scene;
-use gelsim_core::gelpad;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::simulator::Simulator;
 
@@ -68,10 +67,9 @@ impl<'a> FingerPair<'a> {
 
     /// Returns the tolerance of the object's place, mm.
     pub fn place_tolerance_mm(&self) -> f64 {
-        let tolerance_um = |simulator: &Arc<Simulator>| match &simulator.models().gelpad {
-            gelpad::Model::Elastic(elastic) => elastic.tolerance_um,
-            // The plan refuses all models but this one for a gripper.
-            model => unreachable!("{} knows no force", model.name()),
+        let tolerance_um = |simulator: &Arc<Simulator>| {
+            // The plan refuses other models for a gripper.
+            simulator.models().gelpad.contact_solver().expect("a model that knows forces").tolerance_um
         };
         PLACE_TOLERANCE * 1e-3 * self.simulators.iter().map(tolerance_um).fold(0.0, f64::max)
     }

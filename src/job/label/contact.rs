@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::plan::Plan;
 use crate::scene::Scene;
 use gelsim_core::base::view::View;
-use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::MAX_STRAIN;
+use gelsim_core::gelpad::{Contact, Theory};
 use gelsim_core::impression::Impression;
 
 use super::share::ContactShare;
@@ -87,6 +87,18 @@ pub struct NumericsLabel {
     /// Why `model_error_um` is null; empty if it is known.
     #[serde(default)]
     pub model_error_unknown: String,
+    /// The theory of elasticity by which the press was solved.
+    #[serde(default)]
+    pub theory: Theory,
+    /// Radius by which the object's edges were rounded for the solution at finite strain, mm; 0 without it.
+    #[serde(default)]
+    pub opened_mm: f64,
+    /// Number of iterations of the solution at finite strain; 0 without it.
+    #[serde(default)]
+    pub strain_iterations: u32,
+    /// Largest error that the solution at finite strain left, um; 0 without it.
+    #[serde(default)]
+    pub strain_residual_um: f64,
     /// Fraction of the pixels in contact whose slope or displacement lies outside the presses on which the sensor's
     /// optics were calibrated, 0 to 1; 0 without contact, or if the optics are not calibrated.
     #[serde(default)]
@@ -139,6 +151,10 @@ impl NumericsLabel {
             beyond_theory: scene.deepest_mm() > MAX_STRAIN * thickness_mm,
             model_error_um: contact.numerics.model_error_um.ok(),
             model_error_unknown: contact.numerics.model_error_um.err().unwrap_or_default().to_owned(),
+            theory: contact.numerics.theory,
+            opened_mm: contact.numerics.opened_mm,
+            strain_iterations: contact.numerics.strain_iterations,
+            strain_residual_um: contact.numerics.strain_residual_um,
             light_outside_range: plan.simulator.shader().extrapolated_fraction(contact),
         }
     }

@@ -8,7 +8,6 @@ use crate::config::Job;
 use crate::layers::OutputLayer;
 use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
 use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole};
-use gelsim_core::gelpad;
 use gelsim_files::number_format::format_number;
 use gelsim_files::sensor::Sensor;
 use gelsim_files::sensor::pins::{PinDistribution, PinLayout};
@@ -345,7 +344,7 @@ pub fn check_curved_job(check: &mut JobChecker<'_>, job: &Job, scope: Scope) {
     for (name, quantity) in [("distortion_k1", &camera.distortion_k1), ("distortion_k2", &camera.distortion_k2)] {
         refuse(quantity.support() != (0.0, 0.0), &format!("camera.{name}"), "distortion by [camera]");
     }
-    let elastic = matches!(super::chosen_models(job).gelpad, gelpad::Model::Elastic(_));
+    let elastic = super::chosen_models(job).gelpad.knows_pressure();
     let path = if named { "gelpad" } else { "fidelity" };
     refuse(!elastic, path, "a pad that is not elastic");
 }

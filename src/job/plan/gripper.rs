@@ -9,7 +9,6 @@ use crate::config::gripper::Gripper;
 use crate::config::output::Container;
 use crate::config::scene::At;
 use crate::config::sequence::Sequence;
-use gelsim_core::gelpad;
 use gelsim_core::gelpad::USUAL_DEPTHS;
 use gelsim_files::diagnostic::Diagnostics;
 use gelsim_files::number_format::format_number;
@@ -151,7 +150,7 @@ fn refuse_folder_container(check: &mut JobChecker<'_>, job: &Job) {
 /// Checks that a sensor can be a gripper's finger: it is flat and its gelpad model has forces.
 fn check_finger(check: &mut JobChecker<'_>, job: &Job) {
     let model = chosen_models(job).gelpad;
-    if !matches!(model, gelpad::Model::Elastic(_)) {
+    if !model.knows_pressure() {
         let message =
             format!("the gelpad model `{}` knows no force, by which two fingers hold an object", model.name());
         let key = if check.document.get("gelpad").is_some() { "gelpad" } else { "fidelity" };

@@ -19,7 +19,7 @@ pub fn check_materials(check: &mut JobChecker<'_>, job: &Job) {
         if let Some(modulus) = &object.youngs_modulus_kpa {
             let at = path("youngs_modulus_kpa");
             check.require_quantity_in_range(&at, modulus, MODULI_KPA[0]..=MODULI_KPA[1], "kPa");
-            if !matches!(model, gelpad::Model::Elastic(_)) {
+            if !model.knows_pressure() {
                 let message =
                     format!("the gelpad model `{}` knows no pressure, so that nothing gives way", model.name());
                 let help =
@@ -62,6 +62,19 @@ pub fn check_materials(check: &mut JobChecker<'_>, job: &Job) {
                 check.report_grouped_error(
                     &path("friction"),
                     "keys say a friction that nothing in this job uses",
+                    message,
+                    help,
+                );
+            }
+            if model.strain_settings().is_some() && model.friction().is_some() {
+                let message = "at finite strain the pad sticks to every object: one with a friction is not simulated";
+                let help = match &model {
+                    gelpad::Model::Elastic(_) => "leave it out, or leave strain_correction out",
+                    _ => "leave it out, or take the model elastic",
+                };
+                check.report_grouped_error(
+                    &path("friction"),
+                    "keys say a friction, and at finite strain the pad sticks to every object",
                     message,
                     help,
                 );

@@ -45,6 +45,7 @@ pub mod sensors;
 mod sequence;
 mod several_objects;
 pub mod standalone;
+mod strain;
 mod unused;
 mod variants;
 
@@ -175,6 +176,7 @@ impl Plan {
         ranges::check_models(&mut check, &job);
         materials::check_materials(&mut check, &job);
         curved::check_curved_job(&mut check, &job, scope);
+        strain::check_strain(&mut check, &job, scope);
         // If units do not differ, their standard deviations do not belong to the job.
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = build_sensor(&mut check, &mut job);

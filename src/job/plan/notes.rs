@@ -3,7 +3,6 @@
 use super::remedies::{min_thickness_mm, suggest_depth};
 use super::{chosen_models, sensors};
 use crate::config::Job;
-use gelsim_core::gelpad;
 use gelsim_core::gelpad::elastic::MAX_STRAIN;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::number_format::{format_number, round_bound};
@@ -170,8 +169,9 @@ fn note_large_strain(job: &Job) -> Option<Diagnostic> {
         }
     };
     let thickness = min_thickness_mm(job);
-    let elastic = matches!(chosen_models(job).gelpad, gelpad::Model::Elastic(_));
-    (elastic && deepest > MAX_STRAIN * thickness).then(|| {
+    let model = chosen_models(job).gelpad;
+    let linear = model.knows_pressure() && model.strain_settings().is_none();
+    (linear && deepest > MAX_STRAIN * thickness).then(|| {
         let key = if job.sequence.is_some() { "depth_mm of a phase" } else { "indentation.depth_mm" };
         note_beyond_theory(format!("{key} may be {deepest}, over half of the pad's {thickness} mm"), thickness)
     })

@@ -11,7 +11,7 @@ use gelsim_files::sensor::PRESETS;
 
 use super::check::JobChecker;
 use super::sensors::SensorSampling;
-use super::{Plan, Scope, build_sensor, chosen_models, create_simulator, fill_defaults, gel, ranges};
+use super::{Plan, Scope, build_sensor, chosen_models, create_simulator, fill_defaults, gel, ranges, strain};
 
 /// A sensor of another preset that was checked and built.
 pub(super) struct OtherSensor {
@@ -29,6 +29,9 @@ impl OtherSensor {
             ranges::check_pose(&mut check, &job, true);
         }
         ranges::check_camera(&mut check, &job);
+        if job.gripper.is_none() {
+            strain::check_strain(&mut check, &job, scope);
+        }
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let (sensor, photographs, _) = build_sensor(&mut check, &mut job)?;
         let sampling = SensorSampling::new(&job, photographs);

@@ -367,16 +367,21 @@ pub fn check_models(check: &mut JobChecker<'_>, job: &Job) {
             check.require_in_range("gelpad.elastic.tolerance_um", elastic.tolerance_um, 0.01..=1e3, "um");
             let most = f64::from(elastic.max_iterations);
             check.require_in_range("gelpad.elastic.max_iterations", most, 1.0..=1e4, "iterations");
-            if let Some(held) = elastic.friction {
-                check_friction(check, "gelpad.elastic.friction", held);
-                if job.shear.has_motion() && job.shear.friction != held {
-                    let message =
-                        "the object is held by one friction while it is pressed in, by another while it is moved";
-                    let help =
-                        format!("write {} under [shear], as under [gelpad.elastic]", remedies::format_friction(held));
-                    check.report_error("shear.friction", message, help);
-                }
+        }
+        gelpad::Model::FiniteStrain(strain) => {
+            if let Some(box_mm) = strain.box_mm {
+                check.require_in_range("gelpad.finite_strain.box_mm", box_mm, 0.01..=100.0, "mm");
             }
+            check.require_in_range("gelpad.finite_strain.tolerance_um", strain.tolerance_um, 0.01..=1e3, "um");
+        }
+    }
+    if let Some(held) = gelpad.friction() {
+        let table = format!("gelpad.{}", gelpad.name());
+        check_friction(check, &format!("{table}.friction"), held);
+        if job.shear.has_motion() && job.shear.friction != held {
+            let message = "the object is held by one friction while it is pressed in, by another while it is moved";
+            let help = format!("write {} under [shear], as under [{table}]", remedies::format_friction(held));
+            check.report_error("shear.friction", message, help);
         }
     }
     match optics.phong() {

@@ -48,7 +48,7 @@ pub fn check_sequence(check: &mut JobChecker<'_>, job: &Job, sequence: &Sequence
             let help = "leave it out: [sequence] friction holds while the object is pressed in, too";
             check.report_error("gelpad.elastic.friction", "a sequence has a friction of its own", help);
         }
-        gelpad::Model::Elastic(_) => {}
+        model if model.knows_tractions() => {}
         model => {
             let message =
                 format!("the gelpad model `{}` knows no tractions, which a sequence carries on", model.name());

@@ -5,7 +5,6 @@ use crate::config::Job;
 use crate::config::dataset::{ObjectOrder, SplitBy};
 use crate::config::document::{Document, RESOLVED_HEADER};
 use crate::layers::{LayerCoding, OutputLayer};
-use gelsim_core::gelpad;
 use gelsim_core::optics;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::mesh::Format;
@@ -68,7 +67,7 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
         "the image of the untouched pad is a photograph",
         "leave it out, or leave `background` out",
     );
-    let is_elastic = matches!(models.gelpad, gelpad::Model::Elastic(_));
+    let is_elastic = models.gelpad.knows_pressure();
     let model = format!("the gelpad model `{}` knows no elasticity", models.gelpad.name());
     for key in ["sensor.gelpad_youngs_modulus_kpa", "sensor.gelpad_poisson_ratio"] {
         note(key, is_elastic, &model, "choose fidelity = \"draft\" or better, or leave it out");

@@ -75,7 +75,9 @@ pub fn choose_level(plan: &Plan, bound: FidelityChoice) -> Result<ChosenLevel, R
     // Leave out levels that the job could not name: models that compute less than it needs.
     let fits = |level: &Fidelity| {
         let gelpad = level.models(LightSource::Leds).gelpad;
-        !plan.solves_contact() || (gelpad.knows_pressure() && gelpad.knows_tractions())
+        // The bounds are distances from the reference, which is linear.
+        gelpad.strain_settings().is_none()
+            && (!plan.solves_contact() || (gelpad.knows_pressure() && gelpad.knows_tractions()))
     };
     let levels: Vec<Fidelity> = Fidelity::ALL.into_iter().filter(fits).collect();
     let surface = |plan: &Plan, at: usize| render(plan, all[at].index).impression.contact.surface;

@@ -119,7 +119,7 @@ pub struct EffectAblation {
     pub cpu_ms: f64,
 }
 
-/// Compares all fidelity levels on `count` samples of a job. Calls `progress` with what is done next.
+/// Compares all fidelity levels that a job may have on `count` of its samples. Calls `progress` with what is done next.
 pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tradeoff {
     let drawn = strata::draw_samples(plan);
     let chosen = |count: u64| -> Vec<u64> {
@@ -129,7 +129,7 @@ pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tra
     progress("reference");
     let reference = LevelMeasurement::new(&plan.with_fidelity(Fidelity::Reference), &samples);
     let mut compared = Vec::new();
-    for level in Fidelity::ALL {
+    for level in Fidelity::ALL.into_iter().filter(|level| plan.allows_level(*level)) {
         progress(level.name());
         compared.push(match level {
             Fidelity::Reference => reference.compare_with(level.name(), &reference),
@@ -162,8 +162,10 @@ pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tra
         build_rows(&measured, &(0..few.len()).collect::<Vec<_>>())
     };
     let friction = exact.simulator.models().gelpad.friction();
-    let elastic =
-        |resolution, tolerance_um| Model::Elastic(Elastic { resolution, tolerance_um, max_iterations: 1000, friction });
+    let elastic = |resolution, tolerance_um| {
+        let max_iterations = 1000;
+        Model::Elastic(Elastic { resolution, tolerance_um, max_iterations, friction, ..Elastic::default() })
+    };
     let tolerances = study(
         [30.0, 10.0, 3.0, 1.0, 0.3, 0.1]
             .into_iter()

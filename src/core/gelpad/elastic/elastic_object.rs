@@ -14,6 +14,7 @@ use super::shear::Friction;
 use super::{Elastic, ElasticPad, PriorDisplacement};
 use crate::base::grid::{Grid, Rect};
 use crate::depth::{CaptureWindow, Depth};
+use crate::gelpad::finite_strain::StrainSettings;
 use crate::gelpad::total_contact::OutsideWindow;
 
 /// Material of an object that is not rigid.
@@ -47,8 +48,10 @@ impl ElasticPad {
     pub fn with_object_material(&self, friction: Option<Friction>, soft: Option<ElasticObject>) -> Self {
         let friction = self.elastic.friction.map(|held| friction.unwrap_or(held));
         let elastic = Elastic { friction, ..self.elastic };
+        let strain = self.strain.map(|strain| StrainSettings { stick: friction == Some(Friction::Stick), ..strain });
         Self {
             elastic,
+            strain,
             object_compliance: soft.map(|soft| soft.half_space_compliance(self.youngs_modulus_kpa)),
             ..self.clone()
         }
@@ -96,7 +99,7 @@ impl ElasticPad {
             penetration.clone_from(&depth.penetration);
         }
         let outside = outside.and_then(|outside| outside.displacement.as_ref());
-        PriorDisplacement { outside, friction: None }.add_to(
+        PriorDisplacement { outside, ..PriorDisplacement::default() }.add_to(
             &mut penetration,
             self.grid_placement(depth, lattice),
             lattice,

@@ -13,12 +13,12 @@
 use super::lattice::Lattice;
 use super::model_error::{ContactEdge, force_over_linear};
 use super::partial_pixels::DownsampledObject;
+use super::placed::{GridPlacement, PlacedDisplacement};
 use super::shear::Friction;
 use super::traction_grid::{ContactPoint, TractionGrid, Vector};
 use super::{ContactSolution, ElasticPad, PriorDisplacement};
 use crate::base::cubic::catmull_rom;
 use crate::base::grid::{Grid, Rect, bounding_box};
-use crate::base::simd::simd_dispatch;
 use crate::base::view::SURFACE_BORDER;
 use crate::depth::Depth;
 use crate::effects::Requirement;
@@ -53,27 +53,12 @@ const NEGLIGIBLE_SHARE: f64 = 0.5;
 /// Displacement into the pad caused by the tractions under an object.
 #[derive(Clone, Debug)]
 pub struct FrictionDisplacement {
-    /// Displacement, mm; 0 at the border.
-    displacement: Grid<f32>,
-    placement: GridPlacement,
+    /// Displacement; 0 at the border.
+    pub(super) field: PlacedDisplacement,
     /// Share of the contact that slips, 0 to 1.
     slip_fraction: f64,
     /// True if it was solved for within the tolerance.
     pub converged: bool,
-}
-
-/// Position of a grid's pixels in the sensor's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct GridPlacement {
-    /// Centre of the first pixel, mm.
-    pub origin_mm: [f64; 2],
-    pub mm_per_px: [f64; 2],
-}
-
-impl GridPlacement {
-    fn pixel_centre_mm(self, k: usize, at: usize) -> f64 {
-        self.origin_mm[k] + at as f64 * self.mm_per_px[k]
-    }
 }
 
 impl ElasticPad {
@@ -162,7 +147,13 @@ impl ElasticPad {
         if lattice.factor == 1 {
             undisplaced.clone_from(&depth.penetration);
         }
-        PriorDisplacement { outside, friction: None }.add_to(&mut undisplaced, placed, lattice, [0; 2], -1.0);
+        PriorDisplacement { outside, ..PriorDisplacement::default() }.add_to(
+            &mut undisplaced,
+            placed,
+            lattice,
+            [0; 2],
+            -1.0,
+        );
         let window = Rect::whole(undisplaced.width, undisplaced.height);
         let mut penetration = undisplaced.clone();
         let mut state: Option<TractionState> = None;
@@ -198,7 +189,7 @@ impl ElasticPad {
                 return Some(now.friction);
             }
             penetration.clone_from(&undisplaced);
-            now.friction.add_to(&mut penetration, placed, [0; 2], -1.0);
+            now.friction.field.add_to(&mut penetration, placed, [0; 2], -1.0);
             (state, solution) = (Some(now), Some(next));
         }
         None
@@ -234,8 +225,7 @@ impl TractionState {
             grid,
             tractions,
             friction: FrictionDisplacement {
-                displacement: down,
-                placement: placed,
+                field: PlacedDisplacement { values_mm: down, placement: placed },
                 slip_fraction: 0.0,
                 converged: false,
             },
@@ -277,7 +267,7 @@ impl TractionState {
         }
         let down = self.grid.normal_displacement(&acting, self.grid.reach_px(REACH)).data;
         let change: Vec<f32> =
-            down.iter().zip(&self.friction.displacement.data).map(|(next, last)| next - last).collect();
+            down.iter().zip(&self.friction.field.values_mm.data).map(|(next, last)| next - last).collect();
         // Aitken's extrapolation, for vectors. The limits keep one bad estimate from spoiling the iteration.
         let (mut along, mut square) = (0.0, 0.0);
         for (next, last) in change.iter().zip(&self.change) {
@@ -291,18 +281,12 @@ impl TractionState {
             self.share = self.share.min(1.0) / f64::from(round - FREE_ROUNDS + 2);
         }
         let share = self.share as f32;
-        for (down, change) in self.friction.displacement.data.iter_mut().zip(&change) {
+        for (down, change) in self.friction.field.values_mm.data.iter_mut().zip(&change) {
             *down += share * change;
         }
         self.change = change;
         residual_mm <= 2e-3 * pad.elastic.tolerance_um.max(1.0)
     }
-}
-
-/// The first of the four values around a point, and their weights.
-struct CubicTaps {
-    first: usize,
-    shares: [f32; 4],
 }
 
 impl FrictionDisplacement {
@@ -319,7 +303,11 @@ impl FrictionDisplacement {
             let placed = GridPlacement { origin_mm, mm_per_px };
             // 1.0: no correction of the force in a sequence; it is that of a frictionless press
             // (docs/how-to/sequences.md).
-            Self { displacement: down, placement: placed, slip_fraction: 1.0, converged: true }
+            Self {
+                field: PlacedDisplacement { values_mm: down, placement: placed },
+                slip_fraction: 1.0,
+                converged: true,
+            }
         };
         if angle_rad == 0.0 {
             return with_origin(down, [0, 1].map(|k| origin_mm[k] + frame_mm[k]));
@@ -359,38 +347,7 @@ impl FrictionDisplacement {
 
     /// Returns the largest absolute displacement, mm.
     pub fn largest_mm(&self) -> f64 {
-        f64::from(self.displacement.largest(f32::abs))
-    }
-
-    /// Adds the displacement, times `factor`, to a grid whose first pixel is pixel `corner` of `placed`; cubic
-    /// interpolation (Catmull and Rom 1974).
-    pub(super) fn add_to(&self, target: &mut Grid<f32>, placed: GridPlacement, corner: [usize; 2], factor: f32) {
-        let (x, columns) = self.line_taps(0, placed, corner[0], target.width);
-        let (y, rows) = self.line_taps(1, placed, corner[1], target.height);
-        if columns.is_empty() {
-            return;
-        }
-        let mut wide = Grid::<f32>::new(columns.len(), self.displacement.height);
-        for row in 0..self.displacement.height {
-            let from = self.displacement.row(row);
-            for (to, taps) in wide.row_mut(row).iter_mut().zip(&columns) {
-                let four = &from[taps.first..taps.first + 4];
-                *to = four.iter().zip(taps.shares).map(|(value, share)| value * share).sum();
-            }
-        }
-        for (k, taps) in rows.iter().enumerate() {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|line| wide.row(taps.first + line));
-            let [p, q, r, s] = taps.shares.map(|share| factor * share);
-            let to = &mut target.row_mut(y + k)[x..x + columns.len()];
-            simd_dispatch(
-                #[inline(always)]
-                || {
-                    for ((((to, a), b), c), d) in to.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-                        *to += a * p + b * q + c * r + d * s;
-                    }
-                },
-            );
-        }
+        self.field.largest_mm()
     }
 
     /// Raises pressures and force by the ratio between finite elements that stick and linear theory, for the share of
@@ -407,22 +364,5 @@ impl FrictionDisplacement {
         let mean_mm = sum / f64::from(count.max(1));
         let more = (1.0 - self.slip_fraction) * (force_over_linear(mean_mm, thickness_mm, edge) - 1.0);
         contact.scale_forces(1.0 + more);
-    }
-
-    /// Returns the first pixel of a line that the displacement reaches, and the taps for each pixel from there on.
-    fn line_taps(&self, k: usize, placed: GridPlacement, corner: usize, count: usize) -> (usize, Vec<CubicTaps>) {
-        let values = [self.displacement.width, self.displacement.height][k];
-        let place = |at: usize| {
-            (placed.pixel_centre_mm(k, corner + at) - self.placement.origin_mm[k]) / self.placement.mm_per_px[k]
-        };
-        let within = |at: &usize| (1.0..(values - 2) as f64).contains(&place(*at));
-        let Some(first) = (0..count).find(within) else { return (0, Vec::new()) };
-        let taps = (first..count).take_while(within).map(|at| {
-            let place = place(at);
-            let left = (place as usize).clamp(1, values - 3);
-            let shares = catmull_rom((place - left as f64) as f32);
-            CubicTaps { first: left - 1, shares }
-        });
-        (first, taps.collect())
     }
 }

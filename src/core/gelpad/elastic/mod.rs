@@ -11,8 +11,9 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::finite_strain::StrainSettings;
 use super::total_contact::OutsideWindow;
-use super::{Contact, Numerics, no_contact};
+use super::{Contact, Numerics, Theory, no_contact};
 use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
 use crate::base::simd::{count_true, simd_dispatch};
 use crate::base::view::{SURFACE_BORDER, View};
@@ -33,6 +34,7 @@ pub mod layer;
 pub mod model_error;
 mod outside_window;
 mod partial_pixels;
+pub(super) mod placed;
 pub mod plane_transform;
 mod resample;
 pub mod response;
@@ -70,15 +72,30 @@ pub struct Elastic {
     /// Friction between pad and object while it is pressed in. `None`: the surface slides along the object.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub friction: Option<Friction>,
+    /// Adds the difference between rubber at finite strain and a linear layer, coarser and cheaper than the model
+    /// `finite_strain` does.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub strain_correction: bool,
 }
 
 impl Default for Elastic {
     fn default() -> Self {
-        Self { resolution: Resolution::Full, tolerance_um: 1.0, max_iterations: 200, friction: None }
+        Self {
+            resolution: Resolution::Full,
+            tolerance_um: 1.0,
+            max_iterations: 200,
+            friction: None,
+            strain_correction: false,
+        }
     }
 }
 
 impl Elastic {
+    /// Returns how the difference between rubber and a linear layer is solved for; `None` if it is not.
+    pub fn strain_settings(&self) -> Option<StrainSettings> {
+        self.strain_correction.then(|| StrainSettings::of_correction(self.friction))
+    }
+
     /// Returns the settings of the coarser solution that provides the initial guess; a few times the tolerance is
     /// enough for it.
     fn coarser_settings(&self) -> Option<Self> {
@@ -126,12 +143,25 @@ pub struct ElasticPad {
     outside_grids: Arc<OutsideGrids>,
     /// See [`Self::object_compliance`].
     object_compliance: Option<f64>,
+    /// See [`Self::strain_settings`].
+    strain: Option<StrainSettings>,
 }
 
 impl ElasticPad {
     /// Prepares the pad; computes the layer's response.
     pub fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
-        Self::with_curve(&CorrectionCurve::new(ElasticLayer::new(material)), elastic, material, view)
+        let pad = Self::with_curve(&CorrectionCurve::new(ElasticLayer::new(material)), elastic, material, view);
+        Self { strain: elastic.strain_settings(), ..pad }
+    }
+
+    /// Returns the pad at finite strain.
+    pub(super) fn with_strain(self, strain: StrainSettings) -> Self {
+        Self { strain: Some(strain), ..self }
+    }
+
+    /// Returns how the difference between rubber and a linear layer is solved for; `None` if the pad is linear.
+    pub fn strain_settings(&self) -> Option<StrainSettings> {
+        self.strain
     }
 
     fn with_curve(curve: &CorrectionCurve, elastic: &Elastic, material: &Material, view: &View) -> Self {
@@ -173,6 +203,7 @@ impl ElasticPad {
                 .map(|coarser| Box::new(Self::with_curve(curve, &coarser, material, view))),
             outside_grids: Arc::default(),
             object_compliance: None,
+            strain: None,
         }
     }
 
@@ -218,18 +249,21 @@ impl ElasticPad {
         self.press_with_outside(depth, None)
     }
 
-    /// Presses the object into the pad, with its friction and the contact outside the window.
+    /// Presses the object into the pad, with its friction and strain and the contact outside the window.
     pub fn press_with_outside(&self, depth: &Depth, outside: Option<&OutsideWindow>) -> Contact {
         let outside = outside.and_then(|outside| outside.displacement.as_ref());
         let drag = self.solve_friction(depth, outside);
-        self.press_displaced_pad(depth, PriorDisplacement { outside, friction: drag.as_ref() })
+        let strain = self.strain.and_then(|_| self.solve_finite_strain(depth, outside));
+        let prior = PriorDisplacement { outside, friction: drag.as_ref(), strain: strain.as_ref() };
+        self.press_displaced_pad(depth, prior)
     }
 
     /// Presses the object into a pad with the displacements `prior`.
     pub(crate) fn press_displaced_pad(&self, depth: &Depth, prior: PriorDisplacement<'_>) -> Contact {
         let margin = depth.margin_px;
         let (width, height) = (depth.penetration.width - 2 * margin, depth.penetration.height - 2 * margin);
-        let solved = Numerics { residual_um: Some(0.0), model_error_um: Ok(0.0), ..Numerics::DIRECT };
+        let solved =
+            Numerics { residual_um: Some(0.0), model_error_um: Ok(0.0), theory: Theory::Linear, ..Numerics::DIRECT };
         let mut contact = no_contact(width, height, Some(0.0), solved);
         if depth.touching.is_empty() && prior.outside.is_none() {
             return contact;
@@ -255,6 +289,7 @@ impl ElasticPad {
         let Rect { x0, y0, .. } = solution.known_box;
         prior.add_to(&mut solution.displacement, self.grid_placement(depth, lattice), lattice, [x0, y0], 1.0);
         solution.converged &= prior.friction.is_none_or(|drag| drag.converged);
+        solution.converged &= prior.strain.is_none_or(|strain| strain.converged);
         if let Some(outside) = prior.outside {
             contact.surface = outside.crop(seen);
         }
@@ -272,7 +307,14 @@ impl ElasticPad {
             iterations: solution.iterations,
             residual_um: Some(f64::from(solution.residual_mm) * 1e3),
             model_error_um: error_mm.map(|mm| 1e3 * mm),
+            ..contact.numerics
         };
+        if let Some(strain) = prior.strain {
+            contact.numerics.theory = Theory::FiniteStrain;
+            contact.numerics.opened_mm = strain.opened_mm;
+            contact.numerics.strain_iterations = strain.iterations;
+            contact.numerics.strain_residual_um = strain.residual_um;
+        }
         contact.load = self.extract_load(&mut solution, depth, lattice);
     }
 

@@ -1,10 +1,12 @@
 //! The solver's result on its own grid, and the displacements that act on the pad besides the press.
 
-use super::friction::{FrictionDisplacement, GridPlacement};
+use super::friction::FrictionDisplacement;
 use super::lattice::Lattice;
 use super::partial_pixels::PartialPixel;
+use super::placed::GridPlacement;
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::{largest_value, simd_dispatch};
+use crate::gelpad::finite_strain::StrainCorrection;
 
 /// Pressure and displacement on the solver's grid.
 pub(super) struct ContactSolution {
@@ -27,11 +29,13 @@ pub struct PriorDisplacement<'a> {
     pub outside: Option<&'a Grid<f32>>,
     /// Displacement by friction under the object.
     pub friction: Option<&'a FrictionDisplacement>,
+    /// The difference between rubber and a linear layer.
+    pub strain: Option<&'a StrainCorrection>,
 }
 
 impl PriorDisplacement<'_> {
     pub(super) fn is_empty(self) -> bool {
-        self.outside.is_none() && self.friction.is_none()
+        self.outside.is_none() && self.friction.is_none() && self.strain.is_none()
     }
 
     /// Adds the displacements, times `factor`, to a grid whose first pixel is pixel `corner` of the solver's grid
@@ -51,7 +55,10 @@ impl PriorDisplacement<'_> {
             target.data.iter_mut().zip(&there.data).for_each(|(w, value)| *w += factor * value);
         }
         if let Some(drag) = self.friction {
-            drag.add_to(target, placed, corner, factor);
+            drag.field.add_to(target, placed, corner, factor);
+        }
+        if let Some(strain) = self.strain {
+            strain.field.add_to(target, placed, corner, factor);
         }
     }
 }
