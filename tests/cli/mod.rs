@@ -14,6 +14,7 @@ mod determinism;
 mod effects;
 mod fidelity;
 mod finalize;
+mod finite_strain;
 mod formats;
 mod gel_mesh;
 mod gelsight;

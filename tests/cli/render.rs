@@ -108,7 +108,7 @@ fn largest_difference(a: &[u8], b: &[u8]) -> u8 {
 
 #[test]
 fn frames_of_our_own_capture_give_what_generate_gives() {
-    for level in ["paper", "standard"] {
+    for level in ["paper", "standard", "finite-strain"] {
         let folder = Folder::with_job(&job());
         folder.succeed(&format!("generate job.toml --quiet --out set --fidelity {level}"));
         let plan = Plan::load(&folder.path("job.toml"), &Overrides::default()).expect("a sound job");

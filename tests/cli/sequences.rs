@@ -442,6 +442,8 @@ fn depth_frames_with_poses_become_frames_with_friction() {
         ("--sequence 0.3 --poses turned.csv", "seen/002.npy: the object turns by 20.0 degrees since the frame before"),
         ("--sequence 0.3", "--sequence needs the object's poses"),
         ("--sequence 0.3 --poses poses.csv --fidelity paper", "knows no tractions"),
+        ("--sequence 0.3 --poses poses.csv --fidelity finite-strain", "choose --fidelity high"),
+        ("--sequence 0.3 --poses poses.csv --set gelpad.elastic.strain_correction=true", "leave it out"),
         ("--sequence 50 --poses poses.csv", "a coefficient of 0 to 10, or stick"),
     ] {
         let said = folder.fail(&format!("render --depth seen {camera} {more} --out no"), 2);

@@ -6,7 +6,7 @@ import pytest
 
 np = pytest.importorskip("numpy", reason="no numpy: pip install numpy")
 
-LEVELS = ["paper", "draft", "standard", "high", "reference"]
+LEVELS = ["paper", "draft", "standard", "high", "reference", "finite-strain"]
 LAYERS = ["depth", "surface", "contact", "normal", "pressure", "markers", "reference"]
 
 

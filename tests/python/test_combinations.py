@@ -67,13 +67,14 @@ AXES = {
         "drawn": {"sensor.gelpad_thickness_mm": [3.0, 4.0]},
         "several": {"sensor.preset": ["digit", "gelsight-mini"]},
     },
-    "fidelity": {level: {"fidelity": level} for level in ["standard", "paper", "draft", "high", "reference"]}
+    "fidelity": {level: {"fidelity": level} for level in ["standard", "paper", "draft", "high", "reference", "finite-strain"]}
     | {"a bound": {"fidelity": {"max_error_um": 500.0}}},
     "gelpad": {
         "the level's": {},
         "none": {"gelpad": "none"},
         "gaussian": {"gelpad": "gaussian"},
         "stick": {"gelpad.elastic.friction": "stick"},
+        "strain": {"gelpad.elastic.strain_correction": True},
     },
     "optics": {"the sensor's": {}, **{model: {"optics": model} for model in ["phong", "led", "lamps", "calibrated"]}},
     "object": {
@@ -133,6 +134,7 @@ AXES = {
 # As the page calls them.
 OPTICS_LAMPS, NO_LAMPS = '`optics = "lamps"`', "a sensor without measured lamps"
 BLURS = "a gelpad that is not elastic"
+STRAIN = "a gelpad at finite strain"
 SEVERAL = "several objects in a press"
 BOUND = "a bound as `fidelity`"
 
@@ -150,7 +152,11 @@ def held(row):
 
 
 def elastic(row):
-    return row["gelpad"] == "stick" or (row["gelpad"] == "the level's" and row["fidelity"] != "paper")
+    return row["gelpad"] in {"stick", "strain"} or (row["gelpad"] == "the level's" and row["fidelity"] != "paper")
+
+
+def strains(row):
+    return row["gelpad"] == "strain" or (row["gelpad"] == "the level's" and row["fidelity"] == "finite-strain")
 
 
 # What is refused: when, what the message says, and as the page tells it, what does not go with what.
@@ -169,6 +175,7 @@ REFUSALS = [
     (lambda row: row["object"] == "soft" and moves(row), "the objects of a sequence are rigid", "an object's `youngs_modulus_kpa`", "`[sequence]`"),
     (lambda row: row["object"] == "own friction" and row["motion"] == "none" and row["gelpad"] != "stick", "uses the friction of an object", "an object's `friction`", "a job without any friction"),
     (lambda row: moves(row) and not elastic(row), "knows no tractions, which a sequence carries on", "`[sequence]`", BLURS),
+    (lambda row: moves(row) and not held(row) and strains(row), "not for the frames of a sequence", "`[sequence]`", STRAIN),
     (lambda row: moves(row) and row["gelpad"] == "stick", "a sequence has a friction of its own", "`[sequence]`", "`gelpad.elastic.friction`"),
     (lambda row: moves(row) and row["place"] == "on the axis", "the phases of a sequence say how deep", "`[sequence]`", "`[indentation]`"),
     (lambda row: moves(row) and row["place"] == "above", "the phases of a sequence say whether", "`[sequence]`", "`[indentation]`"),
@@ -180,6 +187,7 @@ REFUSALS = [
     (lambda row: row["objects"] == "several" and row["object"] == "own friction", "one body with one friction", SEVERAL, "an object's `friction`"),
     (lambda row: row["objects"] == "several" and row["object"] == "own texture", "one texture lies over all objects", SEVERAL, "an object's `texture`"),
     (lambda row: held(row) and not elastic(row), "knows no force, by which two fingers hold an object", "`[gripper]`", BLURS),
+    (lambda row: held(row) and strains(row), "not for a gripper's two fingers", "`[gripper]`", STRAIN),
     (lambda row: held(row) and shaped(row), "a gripper's fingers are flat sensors", "`[gripper]`", "`[shape]`"),
     (lambda row: held(row) and row["files"] in {"folder", "floats"}, "a row of metadata.jsonl has one tactile image", "`[gripper]`", '`[output] container = "folder"`'),
     (lambda row: held(row) and row["place"] == "on the axis", "says how deep each finger is pressed", "`[gripper]`", '`[indentation] depth_mm`, `at = "axis"`'),
@@ -188,6 +196,7 @@ REFUSALS = [
     (lambda row: row["fingers"] == "two sensors" and row["optics"] == "the sensor's" and row["sensor"] in {"gelsight-series2", "calibrated"}, "the light of `", "`[gripper.right]`", "a sensor with another model of the light"),
     (lambda row: row["place"] == "on the gel" and not shaped(row), "this one is flat", "`from_tip_mm`, `around_deg`", "a sensor without `[shape]`"),
     (lambda row: shaped(row) and not elastic(row), "a pad that is not elastic on a gel that has a shape", "`[shape]`", BLURS),
+    (lambda row: shaped(row) and strains(row) and not moves(row) and not held(row), "not for a gel that has a shape", "`[shape]`", STRAIN),
     (lambda row: shaped(row) and row["extras"] == "print", "print on a gel that has a shape", "`[shape]`", "`[markers]`"),
     (lambda row: shaped(row) and row["extras"] == "lens", "on a gel that has a shape is not simulated", "`[shape]`", "`[camera] distortion_k1`, `distortion_k2`"),
     (lambda row: shaped(row) and row["motion"] == "shear" and row["sensor"] != "tactip" and row["layers"] != "flow", "shear that neither pins nor the layer `flow` show", "`[shape]`", "`[shear]` that neither pins nor the layer `flow` show"),

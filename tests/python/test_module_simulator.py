@@ -398,6 +398,10 @@ def paper():
     return gelsim.Simulator("digit", "paper")
 
 
+def strained():
+    return gelsim.Simulator("digit", "finite-strain", set={"gelpad.finite_strain.friction": "stick"})
+
+
 BALL = "objects/sphere.obj"
 FLAT = np.zeros((80, 60), np.float32)
 WRONG = {"friction": -1.0, "youngs_modulus_kpa": 0.0, "poisson_ratio": 1.0}
@@ -435,6 +439,9 @@ SOFT = {"youngs_modulus_kpa": 9.0}
     "heights on a curved gel": (lambda _: gelsim.Simulator("geltip").press(FLAT), gelsim.UsageError, "gel has a shape"),
     "a soft object at the lowest level": (lambda _: paper().press(BALL, SHALLOW, **SOFT), gelsim.UsageError, "rigid"),
     "a sequence at the lowest level": (lambda _: paper().step(BALL, SHALLOW), gelsim.UsageError, "paper"),
+    "a sequence at finite strain": (lambda _: strained().step(BALL, SHALLOW), gelsim.UsageError, "the frames of a sequence"),
+    "a friction at finite strain": (lambda _: strained().press(BALL, SHALLOW, friction=0.5), gelsim.UsageError, "sticks"),
+    "finite strain on a curved gel": (simulator("geltip", "finite-strain"), gelsim.UsageError, 'fidelity = "high"'),
     "a mistyped preset": (simulator("digti"), gelsim.UsageError, "did you mean `digit`?"),
     "an absent sensor": (simulator("absent.toml"), gelsim.UsageError, "absent.toml"),
     "no level": (simulator("digit", "fine"), gelsim.UsageError, "fidelity level"),

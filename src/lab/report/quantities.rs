@@ -1,6 +1,7 @@
 //! Quantities of a label that a report shows as histograms, each with the samples in which it has a meaning.
 
 use super::histogram::Histogram;
+use gelsim_core::gelpad::Theory;
 use gelsim_job::label::Label;
 
 /// Topic of a quantity.
@@ -52,7 +53,7 @@ const CONTACTS: &str = "samples in contact";
 const WITHOUT_CONTACT: EmptyHistogram = EmptyHistogram::Message(NO_CONTACT);
 
 /// All quantities, in the order of the page.
-pub const QUANTITIES: [LabelQuantity; 17] = [
+pub const QUANTITIES: [LabelQuantity; 19] = [
     LabelQuantity {
         topic: QuantityTopic::Contact,
         title: "Indentation depth",
@@ -209,6 +210,24 @@ pub const QUANTITIES: [LabelQuantity; 17] = [
         is_integer: false,
         absent: EmptyHistogram::LeftOut,
     },
+    LabelQuantity {
+        topic: QuantityTopic::Solver,
+        title: "Iterations at finite strain",
+        axis: "iterations",
+        among: "samples at finite strain",
+        value_of: |label| value_at_finite_strain(label, f64::from(label.numerics.strain_iterations)),
+        is_integer: true,
+        absent: EmptyHistogram::LeftOut,
+    },
+    LabelQuantity {
+        topic: QuantityTopic::Solver,
+        title: "Residual at finite strain",
+        axis: "um",
+        among: "samples at finite strain",
+        value_of: |label| value_at_finite_strain(label, label.numerics.strain_residual_um),
+        is_integer: false,
+        absent: EmptyHistogram::LeftOut,
+    },
 ];
 
 impl LabelQuantity {
@@ -229,6 +248,10 @@ fn is_pressed(label: &Label) -> bool {
 
 fn value_in_contact(label: &Label, value: f64) -> Option<f64> {
     label.contact.in_contact.then_some(value)
+}
+
+fn value_at_finite_strain(label: &Label, value: f64) -> Option<f64> {
+    (label.numerics.theory == Theory::FiniteStrain).then_some(value)
 }
 
 fn is_moved(label: &Label) -> bool {
