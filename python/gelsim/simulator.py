@@ -271,10 +271,11 @@ class Simulator:
         """Makes a sensor ready, which takes from milliseconds to a second.
 
         `sensor` is a `Sensor`, the name of a preset (`gelsim list sensors`) or the path of a sensor file, which ends in .toml.
-        `fidelity` is `paper`, `draft`, `standard`, `high`, `reference` or `finite-strain`: how exact the numerics are, and how long they take.
-        `resolution_px`, width and height, is the image's in place of the sensor's own. `set` changes the sensor by keys of a
-        job, as in `{"camera.exposure": 1.2}`. `flow` has presses say how the surface moves in its plane (the layer `flow`, and
-        what a shear does) on a sensor without markers, too.
+        `fidelity` is `paper`, `draft`, `standard`, `high`, `reference` or `finite-strain`: how exact the numerics are, and how
+        long they take; `finite-strain` takes single presses into flat pads. `resolution_px`, width and height, is the image's
+        in place of the sensor's own. `set` changes the sensor by keys of a job, as in `{"camera.exposure": 1.2}`. `flow` has
+        presses say how the surface moves in its plane (the layer `flow`, and what a shear does) on a sensor without markers,
+        too.
 
         Raises UsageError with every mistake.
         """
