@@ -45,7 +45,9 @@ fn random_corners_of_all_ranges_give_sound_samples_or_are_refused() {
         let mut random = Random(1000 + number);
         let case = case(&mut random);
         let dress = pick(&mut random, &[Dress::Plain, Dress::Still, Dress::Noisy]);
-        let level = pick(&mut random, &Fidelity::ALL);
+        let (strained, linear) = Fidelity::ALL.split_last().expect("there are levels");
+        let level = pick(&mut random, linear);
+        let level = if number % 8 == 3 { *strained } else { level };
         let start = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| match case.plan(dress) {
             Ok(plan) => sound::check(&plan.with_fidelity(level)).map(|_| false),

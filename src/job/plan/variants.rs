@@ -22,7 +22,7 @@ impl Plan {
     }
 
     /// Returns the plan with the models of a fidelity level, whatever gelpad the job chose. An optics model that the
-    /// job names stays, and so does its friction.
+    /// job names stays, and so does its friction. The job must allow the level: see [`Plan::allows_level`].
     pub fn with_fidelity(&self, fidelity: Fidelity) -> Self {
         self.map_sensors(&|plan| {
             let mut models = fidelity.models(plan.simulator.sensor().light_source());
