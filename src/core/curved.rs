@@ -173,7 +173,7 @@ impl CurvedGel {
         contact.tangential = solve_tangential_motion(
             in_plane,
             material,
-            contact.load.as_ref(),
+            (contact.load.as_ref(), None),
             press_friction,
             shear.as_ref(),
             sliding,

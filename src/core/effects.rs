@@ -139,6 +139,11 @@ impl EffectLog {
         ran
     }
 
+    /// Replaces the reason of an effect whose work turned out otherwise.
+    pub(crate) fn explain(&mut self, effect: Effect, reason: &'static str) {
+        self.notes[effect].reason = Cow::Borrowed(reason);
+    }
+
     /// Runs the work of `effect` if it is enabled; returns `None` if it is not.
     pub(crate) fn run<T>(&mut self, effect: Effect, need: Requirement, work: impl FnOnce() -> T) -> Option<T> {
         self.enable(effect, need).then(|| self.run_timed(effect, work))

@@ -355,7 +355,7 @@ impl Simulator {
         contact.tangential = solve_tangential_motion(
             in_plane,
             &self.sensor.gelpad,
-            load,
+            (load, contact.strain_motion.as_ref()),
             press_friction,
             shear.as_ref(),
             sliding,

@@ -27,6 +27,7 @@ use elastic::elastic_object::DeformedObject;
 use elastic::friction::FrictionDisplacement;
 use elastic::in_plane::{InPlaneResponse, Load};
 use elastic::layer::ElasticLayer;
+use elastic::placed::PlacedDisplacement;
 use elastic::shear::Friction;
 use elastic::{Elastic, ElasticPad, PriorDisplacement};
 use finite_strain::{FiniteStrain, StrainSettings};
@@ -310,9 +311,14 @@ pub fn deform_pad(
                 None => None,
             };
             let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
-            let strain = match corrects {
-                true => effects.run_timed(Effect::FiniteStrain, || pad.solve_finite_strain(depth, outside)),
-                false => None,
+            let strain = corrects.then(|| effects.run_timed(Effect::FiniteStrain, || pad.solve_finite_strain(depth)));
+            let strain = match strain {
+                Some(Err(reason)) => {
+                    effects.explain(Effect::FiniteStrain, reason);
+                    None
+                }
+                Some(Ok(strain)) => Some(strain),
+                None => None,
             };
             let prior = PriorDisplacement { outside, friction: drag, strain: strain.as_ref() };
             effects.run_timed(Effect::Deformation, || pad.press_displaced_pad(depth, prior))
@@ -342,6 +348,8 @@ pub struct Contact {
     /// Motion of the surface in its own plane during the press; `None` if nothing shows it or the model does not
     /// compute it.
     pub tangential: Option<TangentialMotion>,
+    /// What rubber at finite strain adds to the linear layer's motion along x and y; `None` if it was not solved for.
+    pub(crate) strain_motion: Option<[PlacedDisplacement; 2]>,
     /// Pressure between pad and object, kPa, in the view; `None` without contact, or if the model computes no pressure.
     pub pressure: Option<Grid<f32>>,
     /// Normal force on the part in view, N; `None` if the model computes none, or if unknown parts of the object decide
@@ -448,6 +456,7 @@ pub fn no_contact(width: usize, height: usize, force_n: Option<f64>, numerics: N
         mask: Grid::new(width, height),
         load: None,
         tangential: None,
+        strain_motion: None,
         pressure: None,
         force_n,
         total: TotalContact::default(),

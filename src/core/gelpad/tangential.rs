@@ -3,6 +3,7 @@
 
 use super::elastic::in_plane::{DisplacementField, InPlaneResponse, Load};
 use super::elastic::layer::ElasticLayer;
+use super::elastic::placed::PlacedDisplacement;
 use super::elastic::shear::{self, Friction, Motion};
 use super::material::Material;
 use super::sliding::Sliding;
@@ -27,7 +28,8 @@ pub struct Shear {
 }
 
 /// Computes how a press moves the pad in its plane; `None` if nothing shows it or the model does not compute it.
-/// `shear` is `None` in jobs that move no object.
+/// `shear` is `None` in jobs that move no object. `strain` is what rubber at finite strain adds to the motion under the
+/// load.
 ///
 /// In a sequence, `carried` has the tractions from frame to frame.
 ///
@@ -36,7 +38,7 @@ pub struct Shear {
 pub fn solve_tangential_motion(
     in_plane: Option<&InPlaneResponse>,
     material: &Material,
-    load: Option<&Load>,
+    (load, strain): (Option<&Load>, Option<&[PlacedDisplacement; 2]>),
     held: Option<Friction>,
     shear: Option<&Shear>,
     carried: Option<&Sliding>,
@@ -59,6 +61,9 @@ pub fn solve_tangential_motion(
     let moves = effects.enable(Effect::Shear, need);
     let (in_plane, load) = in_plane.zip(load)?;
     let mut field = effects.run_timed(Effect::Markers, || in_plane.under_pressure(load));
+    if let Some([x, y]) = strain {
+        field.add_placed(x, y);
+    }
     // Friction that the press did without (see the effect log) does not hold the markers, either.
     let held = held.filter(|_| effects.notes[Effect::Friction].ran);
     let moved = shear.filter(|_| moves);

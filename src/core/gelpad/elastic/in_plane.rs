@@ -8,6 +8,7 @@
 
 use super::fft::fast_length;
 use super::layer::ElasticLayer;
+use super::placed::{GridPlacement, PlacedDisplacement};
 use super::plane_transform::{PlaneTransform, Symbol, VectorField, VectorResponse, WaveVector};
 use crate::base::cubic::catmull_rom;
 use crate::base::grid::{Grid, Rect, bounding_box};
@@ -294,6 +295,14 @@ impl DisplacementField {
         let place = ((mm - self.origin_mm[k]) / self.spacing_mm).clamp(1.0, (count - 2) as f64);
         let first = (place as usize).clamp(1, count - 3);
         (first - 1, catmull_rom((place - first as f64) as f32))
+    }
+
+    /// Adds displacements along x and y that are on grids of their own.
+    pub(crate) fn add_placed(&mut self, x: &PlacedDisplacement, y: &PlacedDisplacement) {
+        let placed = GridPlacement { origin_mm: self.origin_mm, mm_per_px: [self.spacing_mm; 2] };
+        for (part, more) in [(&mut self.x, x), (&mut self.y, y)] {
+            more.add_to(part, placed, [0; 2], 1.0);
+        }
     }
 
     /// Adds another field of the same [`InPlaneResponse`].

@@ -207,6 +207,16 @@ impl ElasticPad {
         }
     }
 
+    /// Returns the linear layer.
+    pub(super) fn layer(&self) -> ElasticLayer {
+        self.layer
+    }
+
+    /// Returns the camera's pixel size.
+    pub(super) fn mm_per_px(&self) -> [f64; 2] {
+        self.mm_per_px
+    }
+
     /// Returns the pad with another Young's modulus, kPa; displacements do not depend on it.
     pub(crate) fn with_youngs_modulus(&self, youngs_modulus_kpa: f64) -> Self {
         let coarser = self.coarser.as_ref().map(|coarser| Box::new(coarser.with_youngs_modulus(youngs_modulus_kpa)));
@@ -253,7 +263,7 @@ impl ElasticPad {
     pub fn press_with_outside(&self, depth: &Depth, outside: Option<&OutsideWindow>) -> Contact {
         let outside = outside.and_then(|outside| outside.displacement.as_ref());
         let drag = self.solve_friction(depth, outside);
-        let strain = self.strain.and_then(|_| self.solve_finite_strain(depth, outside));
+        let strain = self.correct_if_required(depth);
         let prior = PriorDisplacement { outside, friction: drag.as_ref(), strain: strain.as_ref() };
         self.press_displaced_pad(depth, prior)
     }
@@ -289,7 +299,6 @@ impl ElasticPad {
         let Rect { x0, y0, .. } = solution.known_box;
         prior.add_to(&mut solution.displacement, self.grid_placement(depth, lattice), lattice, [x0, y0], 1.0);
         solution.converged &= prior.friction.is_none_or(|drag| drag.converged);
-        solution.converged &= prior.strain.is_none_or(|strain| strain.converged);
         if let Some(outside) = prior.outside {
             contact.surface = outside.crop(seen);
         }
@@ -314,6 +323,7 @@ impl ElasticPad {
             contact.numerics.opened_mm = strain.opened_mm;
             contact.numerics.strain_iterations = strain.iterations;
             contact.numerics.strain_residual_um = strain.residual_um;
+            contact.strain_motion = Some(strain.motion.clone());
         }
         contact.load = self.extract_load(&mut solution, depth, lattice);
     }

@@ -201,7 +201,7 @@ impl PlaneTransform {
     }
 
     /// Returns the index of frequency `x`, `y` in a spectrum.
-    fn frequency_index(&self, x: usize, y: usize) -> usize {
+    pub(crate) fn frequency_index(&self, x: usize, y: usize) -> usize {
         let (column, row) = (self.x.frequency_index(x), self.y.frequency_index(y));
         (row / LANES * self.x.length() + column) * LANES + row % LANES
     }
@@ -240,6 +240,16 @@ impl VectorField {
     /// Returns the x and y components of the vectors, mutable.
     pub fn vectors_mut(&mut self) -> [&mut [f32]; 2] {
         [&mut self.columns.re, &mut self.columns.im]
+    }
+
+    /// Returns real and imaginary parts of the spectrum, in the order of [`PlaneTransform::frequency_index`].
+    pub(crate) fn spectrum(&self) -> [&[f32]; 2] {
+        [&self.rows.re, &self.rows.im]
+    }
+
+    /// Returns real and imaginary parts of the spectrum, mutable.
+    pub(crate) fn spectrum_mut(&mut self) -> [&mut [f32]; 2] {
+        [&mut self.rows.re, &mut self.rows.im]
     }
 
     /// Multiplies the spectrum by a symbol.

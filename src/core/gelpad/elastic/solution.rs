@@ -58,7 +58,7 @@ impl PriorDisplacement<'_> {
             drag.field.add_to(target, placed, corner, factor);
         }
         if let Some(strain) = self.strain {
-            strain.field.add_to(target, placed, corner, factor);
+            strain.displacement.add_to(target, placed, corner, factor);
         }
     }
 }

@@ -1,39 +1,43 @@
-//! The pad as rubber at finite strain, as a correction of the linear layer.
+//! The pad as rubber at finite strain (neo-Hookean, nearly incompressible), as a correction of the linear layer.
+//!
+//! The rubber is solved in a box around the contact, on a grid that is coarse beside the camera's ([`press`]). What it
+//! adds to the linear layer under the same pressure is smooth, and is interpolated ([`deformed`]). On the camera's grid
+//! the press is then the linear layer's, on a pad that this difference has already displaced: the contact, the surface
+//! and the pressure stay as sharp as the object is ([`correction`]).
+//!
+//! - [`element`]: the rubber itself, hexahedra with one pressure each;
+//! - [`layer`]: the linear layer of the same elements, by Fourier transforms ([`spectrum`]), as the preconditioner;
+//! - [`contact`]: contact on the surface, under an object with slopes ([`height_map`]);
+//! - [`anderson`]: acceleration of the fixed point.
 
-use super::elastic::ElasticPad;
 use super::elastic::placed::PlacedDisplacement;
-use crate::base::grid::Grid;
-use crate::depth::Depth;
-use crate::effects::Requirement;
 
+mod anderson;
+mod contact;
+mod correction;
+mod deformed;
+mod element;
+mod height_map;
+mod layer;
+mod press;
 pub mod settings;
+mod spectrum;
+#[cfg(test)]
+mod tests;
 
 pub use settings::{FiniteStrain, StrainSettings};
 
-/// The difference between the displacement of rubber and that of a linear layer under the same object.
+/// What rubber at finite strain adds to a linear layer under the same pressure.
 #[derive(Clone, Debug)]
 pub struct StrainCorrection {
-    /// The difference at the surface, mm, positive into the pad.
-    pub(super) field: PlacedDisplacement,
+    /// Displacement into the pad, mm.
+    pub(super) displacement: PlacedDisplacement,
+    /// Motion of the surface's points along x and y, mm.
+    pub(super) motion: [PlacedDisplacement; 2],
     /// Radius by which the object's edges were rounded, mm.
     pub opened_mm: f64,
-    /// Number of iterations.
+    /// Number of steps of the fixed point, with those of failed tries.
     pub iterations: u32,
-    /// Largest error that the solver left, um.
+    /// Largest change of the surface in the last step, um.
     pub residual_um: f64,
-    /// True if it was solved for within the tolerance.
-    pub converged: bool,
-}
-
-impl ElasticPad {
-    /// Decides whether the difference between rubber and a linear layer would be visible.
-    pub fn finite_strain_required(&self, _depth: &Depth) -> Requirement {
-        Requirement::Unneeded("linear theory is exact enough here")
-    }
-
-    /// Solves for the difference between rubber and a linear layer, in a pad that loads outside the window may displace
-    /// too. `None` if it is negligible, and if the model is linear.
-    pub fn solve_finite_strain(&self, _depth: &Depth, _outside: Option<&Grid<f32>>) -> Option<StrainCorrection> {
-        None
-    }
 }

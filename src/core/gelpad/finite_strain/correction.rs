@@ -1,0 +1,261 @@
+//! From an object over the pad to the correction of the linear layer: whether one is needed, the box, and what is tried
+//! in turn.
+
+use super::StrainCorrection;
+use super::deformed::DeformedSurface;
+use super::height_map::{HeightMap, open_by_ball};
+use super::press::{PressOptions, RubberSolver};
+use super::settings::StrainSettings;
+use crate::base::grid::{Grid, Rect, bounding_box};
+use crate::base::simd::{count_true, simd_dispatch};
+use crate::depth::Depth;
+use crate::effects::Requirement;
+use crate::gelpad::elastic::ElasticPad;
+use crate::gelpad::elastic::fft::fast_length;
+use crate::gelpad::elastic::model_error::{ContactEdge, model_error_mm};
+use crate::gelpad::elastic::placed::{GridPlacement, PlacedDisplacement};
+
+/// How thoroughly the rubber is solved.
+struct Effort {
+    /// What is tried, one after the other until a solution is found: nodes of the box per thickness, and the radius by
+    /// which the object's edges are rounded, thicknesses.
+    tries: &'static [(f64, f64)],
+    /// Layers of elements.
+    layers: usize,
+    /// Depth up to which a press is one load step, and the load steps of deeper ones, thicknesses.
+    one_step: f64,
+    load_step: f64,
+    /// Most steps of the fixed point in a try.
+    max_iterations: u32,
+}
+
+/// For the model of its own.
+const THOROUGH: Effort = Effort {
+    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 3.0)],
+    layers: 6,
+    one_step: 0.31,
+    load_step: 0.15,
+    max_iterations: 80,
+};
+/// For the correction of the elastic model.
+const CHEAP: Effort = Effort {
+    tries: &[(6.0, 1.0 / 12.0), (6.0, 1.0 / 6.0), (6.0, 1.0 / 3.0)],
+    layers: 5,
+    one_step: 0.5,
+    load_step: 0.5,
+    max_iterations: 24,
+};
+
+/// Room between the contact and the box's border, thicknesses.
+const ROOM: f64 = 2.5;
+
+/// Most nodes along a side of the box.
+const MOST_NODES: f64 = 128.0;
+
+/// Fewest nodes per thickness, where a contact is wide.
+const FEWEST_NODES: f64 = 4.0;
+
+/// How far around the object's lower parts nodes may touch it, thicknesses: so far a node may move.
+const REACH: f64 = 0.3;
+
+/// Share of the tolerance below which the linear layer's expected error is negligible: the law for it is right within a
+/// factor of two.
+const NEGLIGIBLE_SHARE: f64 = 0.5;
+
+/// The reason why a press was not corrected.
+pub type Reason = &'static str;
+
+const NOTHING_TOUCHES: Reason = "nothing reaches into the pad";
+const SMALL: Reason = "linear theory is within the tolerance";
+const STICKS: Reason = "a pad that sticks to the object is solved by linear theory";
+const CUT_OFF: Reason = "the contact goes on beyond the captured window, where linear theory alone is used";
+const TOO_WIDE: Reason = "the contact is too wide for a box of rubber: linear theory is used";
+const NOT_CONVERGED: Reason = "rubber at finite strain was not solved within the tolerance: linear theory is used";
+
+impl ElasticPad {
+    /// Decides whether the difference between rubber and a linear layer would be visible.
+    pub fn finite_strain_required(&self, depth: &Depth) -> Requirement {
+        let Some(settings) = self.strain_settings() else { return Requirement::Absent("the gelpad model is linear") };
+        if settings.stick {
+            return Requirement::Absent(STICKS);
+        }
+        let (touching, penetration) = (depth.touching, &depth.penetration);
+        if touching.is_empty() {
+            return Requirement::Absent(NOTHING_TOUCHES);
+        }
+        let Rect { x0, y0, x1, y1 } = touching;
+        if x0 == 0 || y0 == 0 || x1 == penetration.width || y1 == penetration.height {
+            return Requirement::Absent(CUT_OFF);
+        }
+        let [(nodes, _), ..] = Self::effort(&settings).tries else { return Requirement::Absent(TOO_WIDE) };
+        if self.node_spacing_mm(touching, &settings, *nodes).is_none() {
+            return Requirement::Absent(TOO_WIDE);
+        }
+        if self.expected_error_mm(depth) < 1e-3 * NEGLIGIBLE_SHARE * settings.tolerance_um {
+            return Requirement::Unneeded(SMALL);
+        }
+        Requirement::Needed("large strains change the surface")
+    }
+
+    /// Solves for the correction if the press needs one; `None` also where it was not found.
+    pub fn correct_if_required(&self, depth: &Depth) -> Option<StrainCorrection> {
+        self.strain_settings()?;
+        match self.finite_strain_required(depth) {
+            Requirement::Needed(_) => self.solve_finite_strain(depth).ok(),
+            Requirement::Unneeded(_) | Requirement::Absent(_) => None,
+        }
+    }
+
+    /// Returns the error that linear theory is expected to have, mm, judged by where the object reaches below the
+    /// undeformed pad. The contact is smaller than that, and gentler at its edge.
+    fn expected_error_mm(&self, depth: &Depth) -> f64 {
+        let mut overlap = Grid::new(depth.penetration.width, depth.penetration.height);
+        for (mask, mm) in overlap.data.iter_mut().zip(&depth.penetration.data) {
+            *mask = if *mm > 0.0 { 255 } else { 0 };
+        }
+        let Some(edge) = ContactEdge::from_mask(&overlap, &depth.penetration, 0, self.mm_per_px()) else { return 0.0 };
+        let deepest_mm = f64::from(depth.penetration.largest(|mm| mm));
+        let known = model_error_mm(deepest_mm, self.layer().thickness_mm, edge, self.friction());
+        known.unwrap_or(f64::INFINITY)
+    }
+
+    fn effort(settings: &StrainSettings) -> &'static Effort {
+        if settings.thorough { &THOROUGH } else { &CHEAP }
+    }
+
+    /// Returns the distance between the nodes of the box, mm, `nodes` for each thickness unless the job says another;
+    /// `None` if the contact is too wide for a box.
+    fn node_spacing_mm(&self, touching: Rect, settings: &StrainSettings, nodes: f64) -> Option<f64> {
+        let h = self.layer().thickness_mm;
+        let wanted_mm = settings.spacing_mm.unwrap_or(h / nodes);
+        let sides_mm = self.sides_mm(touching);
+        let spacing_mm = wanted_mm.max((sides_mm[0].max(sides_mm[1]) + 2.0 * ROOM * h) / MOST_NODES);
+        (spacing_mm <= wanted_mm.max(h / FEWEST_NODES)).then_some(spacing_mm)
+    }
+
+    fn sides_mm(&self, touching: Rect) -> [f64; 2] {
+        let mm_per_px = self.mm_per_px();
+        [touching.width() as f64 * mm_per_px[0], touching.height() as f64 * mm_per_px[1]]
+    }
+
+    /// Solves for the difference between rubber and the linear layer under an object.
+    ///
+    /// # Errors
+    ///
+    /// The reason why there is none.
+    pub fn solve_finite_strain(&self, depth: &Depth) -> Result<StrainCorrection, Reason> {
+        let settings = self.strain_settings().ok_or("the gelpad model is linear")?;
+        let effort = Self::effort(&settings);
+        let (mut solver, mut last_spacing_mm) = (None, 0.0);
+        let mut iterations = 0;
+        for (nodes, opening) in effort.tries {
+            let spacing_mm = self.node_spacing_mm(depth.touching, &settings, *nodes).ok_or(TOO_WIDE)?;
+            if spacing_mm != last_spacing_mm {
+                solver = None;
+                last_spacing_mm = spacing_mm;
+            }
+            let solver = solver.get_or_insert_with(|| self.prepare_box(depth.touching, spacing_mm, effort.layers));
+            match self.try_opened(depth, solver, opening * self.layer().thickness_mm, &settings) {
+                Try::Solved(found) => {
+                    return Ok(StrainCorrection { iterations: iterations + found.iterations, ..*found });
+                }
+                Try::Failed(more) => iterations += more,
+                // What is thinner than a ball is thinner than the next one, too.
+                Try::NothingLeft => break,
+            }
+        }
+        Err(NOT_CONVERGED)
+    }
+
+    fn prepare_box(&self, touching: Rect, spacing_mm: f64, layers: usize) -> RubberSolver {
+        let room_mm = 2.0 * ROOM * self.layer().thickness_mm;
+        let size = self.sides_mm(touching).map(|side_mm| fast_length(((side_mm + room_mm) / spacing_mm) as usize));
+        RubberSolver::new(self.layer(), size, [spacing_mm; 2], layers)
+    }
+
+    /// Solves for the difference under an object whose edges are rounded.
+    fn try_opened(&self, depth: &Depth, solver: &mut RubberSolver, opened_mm: f64, settings: &StrainSettings) -> Try {
+        let (h, mm_per_px, effort) = (self.layer().thickness_mm, self.mm_per_px(), Self::effort(settings));
+        let Depth { penetration, touching, .. } = depth;
+        let (nodes, node_mm) = (solver.contact_size(), solver.contact_spacing_mm());
+        // The middle node lies over the middle of the contact.
+        let middle_px = [0.5 * (touching.x0 + touching.x1) as f64, 0.5 * (touching.y0 + touching.y1) as f64];
+        let first_px: [f64; 2] =
+            std::array::from_fn(|k| middle_px[k] - (nodes[k] / 2) as f64 * node_mm[k] / mm_per_px[k] - 0.5);
+        let step_px = std::array::from_fn(|k| node_mm[k] / mm_per_px[k]);
+        let opened = open_by_ball(&sample_window(penetration, nodes, first_px, step_px), node_mm, opened_mm);
+        let nothing = opened.data.iter().copied().fold(f32::INFINITY, f32::min);
+        let region = bounding_box(&opened, |g| g > nothing);
+        if region.is_empty() || opened.largest(|g| g) <= 0.0 {
+            return Try::NothingLeft;
+        }
+        let reach = (REACH * h / node_mm[0].min(node_mm[1])) as usize + 2;
+        let touching_px = simd_dispatch(
+            #[inline(always)]
+            || count_true(penetration.data.iter().map(|g| *g > 0.0)),
+        );
+        let options = PressOptions {
+            region: region.grown(reach, nodes[0], nodes[1]),
+            contact_mm: libm::sqrt(f64::from(touching_px) * mm_per_px[0] * mm_per_px[1]),
+            tolerance_mm: 1e-3 * settings.tolerance_um,
+            max_iterations: effort.max_iterations,
+            load_step_mm: effort.load_step * h,
+            one_step_mm: effort.one_step * h,
+        };
+        let press = solver.press(&HeightMap::new(opened, node_mm), &options);
+        if !press.converged {
+            return Try::Failed(press.iterations);
+        }
+        let surface = DeformedSurface::new(solver.contact_grid(), &press);
+        if !surface.is_finite() {
+            return Try::Failed(press.iterations);
+        }
+        let window = [penetration.width, penetration.height];
+        let origin_mm = std::array::from_fn(|k| (first_px[k] + 0.5 - 0.5 * window[k] as f64) * mm_per_px[k]);
+        let placed = |values_mm| {
+            let placement = GridPlacement { origin_mm, mm_per_px: node_mm };
+            PlacedDisplacement { values_mm, placement }
+        };
+        Try::Solved(Box::new(StrainCorrection {
+            displacement: placed(surface.difference_mm),
+            motion: surface.motion_mm.map(placed),
+            opened_mm,
+            iterations: press.iterations,
+            residual_um: 1e3 * press.residual_mm,
+        }))
+    }
+}
+
+/// Outcome of one try.
+enum Try {
+    Solved(Box<StrainCorrection>),
+    /// After so many steps.
+    Failed(u32),
+    /// The ball does not fit into the object.
+    NothingLeft,
+}
+
+/// Samples the captured object at nodes, by straight lines; beyond the window there is nothing.
+fn sample_window(penetration: &Grid<f32>, nodes: [usize; 2], first_px: [f64; 2], step_px: [f64; 2]) -> Grid<f32> {
+    let nothing = penetration.data.iter().copied().fold(f32::INFINITY, f32::min);
+    let taps = |k: usize, size: usize| -> Vec<Option<(usize, f32)>> {
+        let place = |node: usize| first_px[k] + node as f64 * step_px[k];
+        let tap =
+            |place: f64| (0.0..(size - 1) as f64).contains(&place).then(|| (place as usize, place.fract() as f32));
+        (0..nodes[k]).map(|node| tap(place(node))).collect()
+    };
+    let (columns, rows) = (taps(0, penetration.width), taps(1, penetration.height));
+    let mut sampled = Grid::new(nodes[0], nodes[1]);
+    sampled.data.fill(nothing);
+    for (y, row) in rows.iter().enumerate() {
+        let Some((above, s)) = row else { continue };
+        let (upper, lower) = (penetration.row(*above), penetration.row(above + 1));
+        for (to, column) in sampled.row_mut(y).iter_mut().zip(&columns) {
+            let Some((left, t)) = column else { continue };
+            let line = |row: &[f32]| row[*left] + t * (row[left + 1] - row[*left]);
+            let (upper, lower) = (line(upper), line(lower));
+            *to = upper + s * (lower - upper);
+        }
+    }
+    sampled
+}

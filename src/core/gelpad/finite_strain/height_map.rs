@@ -1,0 +1,90 @@
+//! The object over the contact's grid, smooth enough to have a slope everywhere.
+
+use crate::base::grid::Grid;
+
+/// Heights at the nodes of the contact's grid: how far the object reaches below the undeformed surface, mm. Between the
+/// nodes it is a quadratic B-spline, whose slope is continuous and which does not overshoot.
+pub struct HeightMap {
+    heights_mm: Grid<f32>,
+    spacing_mm: [f64; 2],
+}
+
+/// Height and slope of the object at a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeightAndSlope {
+    pub height_mm: f32,
+    pub slope: [f32; 2],
+}
+
+impl HeightMap {
+    pub fn new(heights_mm: Grid<f32>, spacing_mm: [f64; 2]) -> Self {
+        Self { heights_mm, spacing_mm }
+    }
+
+    /// Returns the object's height and slope at a place in nodes; outside the map they are those at its border.
+    pub fn at(&self, place: [f32; 2]) -> HeightAndSlope {
+        let size = [self.heights_mm.width, self.heights_mm.height];
+        let tap = |k: usize| {
+            let place = place[k].clamp(0.0, (size[k] - 1) as f32);
+            let nearest = (place + 0.5) as usize;
+            let t = place - nearest as f32;
+            let weights = [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)];
+            let slopes = [t - 0.5, -2.0 * t, t + 0.5];
+            let places = [nearest.saturating_sub(1), nearest, (nearest + 1).min(size[k] - 1)];
+            (places, weights, slopes)
+        };
+        let ((xs, x_weights, x_slopes), (ys, y_weights, y_slopes)) = (tap(0), tap(1));
+        let (mut height_mm, mut slope) = (0.0, [0.0; 2]);
+        for (y, (weight, rise)) in ys.into_iter().zip(y_weights.into_iter().zip(y_slopes)) {
+            let row = self.heights_mm.row(y);
+            let four = xs.map(|x| row[x]);
+            let line: f32 = four.iter().zip(x_weights).map(|(value, weight)| value * weight).sum();
+            let along: f32 = four.iter().zip(x_slopes).map(|(value, slope)| value * slope).sum();
+            height_mm += weight * line;
+            slope[0] += weight * along;
+            slope[1] += rise * line;
+        }
+        let spacing = self.spacing_mm.map(|mm| mm as f32);
+        HeightAndSlope { height_mm, slope: [slope[0] / spacing[0], slope[1] / spacing[1]] }
+    }
+
+    pub fn heights_mm(&self) -> &Grid<f32> {
+        &self.heights_mm
+    }
+}
+
+/// Opens an object by a ball: what is left of it is all that a ball of this radius reaches from inside. Edges are
+/// rounded, and what is thinner than the ball goes; the rest stays as it is.
+pub fn open_by_ball(heights_mm: &Grid<f32>, spacing_mm: [f64; 2], radius_mm: f64) -> Grid<f32> {
+    let reach = spacing_mm.map(|mm| (radius_mm / mm) as isize);
+    let mut ball = Vec::new();
+    for dy in -reach[1]..=reach[1] {
+        for dx in -reach[0]..=reach[0] {
+            let (x, y) = (dx as f64 * spacing_mm[0], dy as f64 * spacing_mm[1]);
+            let square = radius_mm * radius_mm - x * x - y * y;
+            if square >= 0.0 {
+                ball.push(([dx, dy], (radius_mm - libm::sqrt(square)) as f32));
+            }
+        }
+    }
+    let (width, height) = (heights_mm.width as isize, heights_mm.height as isize);
+    let combine = |from: &Grid<f32>, start: f32, sign: f32, better: fn(f32, f32) -> f32| {
+        let mut to = Grid::new(from.width, from.height);
+        to.data.fill(start);
+        // One offset after the other over all rows, so that the inner loop is plain.
+        for ([dx, dy], above) in &ball {
+            let columns = (-dx).max(0)..(width - dx).min(width);
+            for y in (-dy).max(0)..(height - dy).min(height) {
+                let source = &from.row((y + dy) as usize)[(columns.start + dx) as usize..(columns.end + dx) as usize];
+                let target = &mut to.row_mut(y as usize)[columns.start as usize..columns.end as usize];
+                for (to, from) in target.iter_mut().zip(source) {
+                    *to = better(*to, from + sign * above);
+                }
+            }
+        }
+        to
+    };
+    // The deepest that the ball's lowest point gets at each node, and then what the ball covers from there.
+    let lowest = combine(heights_mm, f32::INFINITY, 1.0, f32::min);
+    combine(&lowest, f32::NEG_INFINITY, -1.0, f32::max)
+}
