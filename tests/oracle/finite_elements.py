@@ -26,8 +26,6 @@ from scipy.sparse.linalg import splu
 
 THICKNESS = 3.0
 POISSON = 0.48
-SHEAR = 1 / (2 * (1 + POISSON))
-LAME = POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
 STRAINS = (0.1, 0.2, 0.3, 0.4)
 RING = 2.0
 
@@ -147,8 +145,9 @@ class Layer:
     `dome` is the radius of a layer that is domed over a flat shell, `ball` that of one as thick everywhere on a ball.
     """
 
-    def __init__(self, r_edges, z_edges, geometry, dome=None, ball=None):
+    def __init__(self, r_edges, z_edges, geometry, dome=None, ball=None, poisson=POISSON):
         self.axisymmetric = geometry == "axisymmetric"
+        self.shear, self.lame = 1 / (2 * (1 + poisson)), poisson / ((1 + poisson) * (1 - 2 * poisson))
         nr, nz = len(r_edges) - 1, len(z_edges) - 1
         self.columns, self.rows = 2 * nr + 1, 2 * nz + 1
 
@@ -239,16 +238,16 @@ class Layer:
         pressure = np.einsum("qm,em->eq", self.pressure_shape, p)
         # The inverse transpose of the deformation gradient, in the order of its components.
         inverse = np.stack([f[..., 3] / area, -f[..., 2] / area, -f[..., 1] / area, f[..., 0] / area, 1 / f[..., 4]], -1)
-        excess = pressure - SHEAR
-        stress = SHEAR * f + excess[..., None] * inverse
+        excess = pressure - self.shear
+        stress = self.shear * f + excess[..., None] * inverse
         weight = self.weight
         forces = np.zeros(self.unknowns)
         by_u = np.einsum("eqkn,eqk->en", self.gradient, stress * weight[..., None])
-        by_p = np.einsum("qm,eq->em", self.pressure_shape, (np.log(volume) - pressure / LAME) * weight)
+        by_p = np.einsum("qm,eq->em", self.pressure_shape, (np.log(volume) - pressure / self.lame) * weight)
         forces += np.bincount(self.u_index.ravel(), by_u.ravel(), self.unknowns)
         forces += np.bincount(self.p_index.ravel(), by_p.ravel(), self.unknowns)
         tangent = np.zeros(f.shape + (5,))
-        tangent[..., range(5), range(5)] = SHEAR
+        tangent[..., range(5), range(5)] = self.shear
         for a, (i, k) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
             for b, (m, l) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
                 tangent[..., a, b] -= excess * inverse[..., 2 * m + k] * inverse[..., 2 * i + l]
@@ -261,7 +260,7 @@ class Layer:
         dilation = np.einsum("eqk,eqkn->eqn", inverse * weight[..., None], self.gradient)
         elements[:, 18:, :18] = np.einsum("qm,eqn->emn", self.pressure_shape, dilation)
         elements[:, :18, 18:] = elements[:, 18:, :18].transpose(0, 2, 1)
-        elements[:, 18:, 18:] = -np.einsum("qm,qn,eq->emn", self.pressure_shape, self.pressure_shape, weight) / LAME
+        elements[:, 18:, 18:] = -np.einsum("qm,qn,eq->emn", self.pressure_shape, self.pressure_shape, weight) / self.lame
         return forces, elements
 
     def surface_points(self, state):
@@ -284,8 +283,9 @@ class Layer:
 class Press:
     """A rigid object pressed step by step into the layer."""
 
-    def __init__(self, layer, shape, sticking):
+    def __init__(self, layer, shape, sticking, penalty=NORMAL_PENALTY, sticking_penalty=STICKING_PENALTY):
         self.layer, self.shape, self.sticking = layer, shape, sticking
+        self.penalty, self.sticking_penalty = penalty, sticking_penalty
         self.state = np.zeros(layer.unknowns)
         self.depth, self.last = 0.0, None
         self.anchored = np.zeros(layer.edge_weight.shape, bool)
@@ -304,10 +304,10 @@ class Press:
         layer = self.layer
         points, pen, normal, curvature = self.touch(state, depth)
         outer = normal[..., :, None] * normal[..., None, :]
-        traction = NORMAL_PENALTY * pen[..., None] * normal
-        matrix = NORMAL_PENALTY * ((pen > 0)[..., None, None] * outer - (pen * curvature)[..., None, None] * (np.eye(2) - outer))
+        traction = self.penalty * pen[..., None] * normal
+        matrix = self.penalty * ((pen > 0)[..., None, None] * outer - (pen * curvature)[..., None, None] * (np.eye(2) - outer))
         if self.sticking:
-            hold = STICKING_PENALTY * self.anchored[..., None, None] * self.along
+            hold = self.sticking_penalty * self.anchored[..., None, None] * self.along
             traction = traction - np.einsum("eqcd,eqd->eqc", hold, points - self.anchor)
             matrix = matrix + hold
         forces = np.einsum("qn,eqc->enc", layer.edge_shape, traction * layer.edge_weight[..., None])
@@ -392,8 +392,8 @@ class Press:
 class LinearLayer:
     """Small-strain displacement of the surface by forces on its nodes, and contact with it."""
 
-    def __init__(self, r_edges, z_edges, geometry, reach):
-        self.layer = layer = Layer(r_edges, z_edges, geometry)
+    def __init__(self, r_edges, z_edges, geometry, reach, poisson=POISSON):
+        self.layer = layer = Layer(r_edges, z_edges, geometry, poisson=poisson)
         lu = layer.factor(layer.response(np.zeros(layer.unknowns))[1])
         down = np.searchsorted(layer.free, 2 * layer.surface + 1)
         self.r = layer.nodes[layer.surface, 0]
