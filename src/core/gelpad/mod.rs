@@ -305,12 +305,6 @@ pub fn deform_pad(
     match pad {
         Pad::Elastic(pad) if deforms || clear => {
             let outside = outside.and_then(|outside| outside.displacement.as_ref());
-            let drag = match carried {
-                Some(_) => None,
-                None if holds => effects.run_timed(Effect::Friction, || pad.solve_friction(depth, outside)),
-                None => None,
-            };
-            let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
             let strain = corrects.then(|| effects.run_timed(Effect::FiniteStrain, || pad.solve_finite_strain(depth)));
             let strain = match strain {
                 Some(Err(reason)) => {
@@ -320,6 +314,12 @@ pub fn deform_pad(
                 Some(Ok(strain)) => Some(strain),
                 None => None,
             };
+            let sticks = strain.as_ref().is_some_and(|strain| strain.sticks);
+            let drag = match carried {
+                None if holds && !sticks => effects.run_timed(Effect::Friction, || pad.solve_friction(depth, outside)),
+                _ => None,
+            };
+            let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
             let prior = PriorDisplacement { outside, friction: drag, strain: strain.as_ref() };
             effects.run_timed(Effect::Deformation, || pad.press_displaced_pad(depth, prior))
         }
@@ -348,8 +348,9 @@ pub struct Contact {
     /// Motion of the surface in its own plane during the press; `None` if nothing shows it or the model does not
     /// compute it.
     pub tangential: Option<TangentialMotion>,
-    /// What rubber at finite strain adds to the linear layer's motion along x and y; `None` if it was not solved for.
-    pub(crate) strain_motion: Option<[PlacedDisplacement; 2]>,
+    /// What rubber at finite strain adds to the linear layer's motion along x and y, and whether the surface sticks to
+    /// the object in it; `None` if it was not solved for.
+    pub(crate) strain_motion: Option<([PlacedDisplacement; 2], bool)>,
     /// Pressure between pad and object, kPa, in the view; `None` without contact, or if the model computes no pressure.
     pub pressure: Option<Grid<f32>>,
     /// Normal force on the part in view, N; `None` if the model computes none, or if unknown parts of the object decide

@@ -29,7 +29,7 @@ pub struct Shear {
 
 /// Computes how a press moves the pad in its plane; `None` if nothing shows it or the model does not compute it.
 /// `shear` is `None` in jobs that move no object. `strain` is what rubber at finite strain adds to the motion under the
-/// load.
+/// load, and whether it sticks to the object.
 ///
 /// In a sequence, `carried` has the tractions from frame to frame.
 ///
@@ -38,7 +38,7 @@ pub struct Shear {
 pub fn solve_tangential_motion(
     in_plane: Option<&InPlaneResponse>,
     material: &Material,
-    (load, strain): (Option<&Load>, Option<&[PlacedDisplacement; 2]>),
+    (load, strain): (Option<&Load>, Option<&([PlacedDisplacement; 2], bool)>),
     held: Option<Friction>,
     shear: Option<&Shear>,
     carried: Option<&Sliding>,
@@ -61,11 +61,13 @@ pub fn solve_tangential_motion(
     let moves = effects.enable(Effect::Shear, need);
     let (in_plane, load) = in_plane.zip(load)?;
     let mut field = effects.run_timed(Effect::Markers, || in_plane.under_pressure(load));
-    if let Some([x, y]) = strain {
+    if let Some(([x, y], _)) = strain {
         field.add_placed(x, y);
     }
     // Friction that the press did without (see the effect log) does not hold the markers, either.
     let held = held.filter(|_| effects.notes[Effect::Friction].ran);
+    // Rubber that sticks has moved with the object already.
+    let held = held.filter(|_| strain.is_none_or(|(_, sticks)| !sticks));
     let moved = shear.filter(|_| moves);
     let friction = held.or(moved.map(|shear| shear.friction));
     let shear = friction.map(|friction| {

@@ -262,8 +262,9 @@ impl ElasticPad {
     /// Presses the object into the pad, with its friction and strain and the contact outside the window.
     pub fn press_with_outside(&self, depth: &Depth, outside: Option<&OutsideWindow>) -> Contact {
         let outside = outside.and_then(|outside| outside.displacement.as_ref());
-        let drag = self.solve_friction(depth, outside);
         let strain = self.correct_if_required(depth);
+        let sticks = strain.as_ref().is_some_and(|strain| strain.sticks);
+        let drag = if sticks { None } else { self.solve_friction(depth, outside) };
         let prior = PriorDisplacement { outside, friction: drag.as_ref(), strain: strain.as_ref() };
         self.press_displaced_pad(depth, prior)
     }
@@ -323,7 +324,7 @@ impl ElasticPad {
             contact.numerics.opened_mm = strain.opened_mm;
             contact.numerics.strain_iterations = strain.iterations;
             contact.numerics.strain_residual_um = strain.residual_um;
-            contact.strain_motion = Some(strain.motion.clone());
+            contact.strain_motion = Some((strain.motion.clone(), strain.sticks));
         }
         contact.load = self.extract_load(&mut solution, depth, lattice);
     }

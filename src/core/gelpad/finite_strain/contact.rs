@@ -130,13 +130,7 @@ impl ContactGrid {
         }
         let largest_compliance = compliance[5].iter().copied().fold(0.0, f32::max);
         let [width, height] = size;
-        let counted: f64 = (0..count)
-            .map(|at| {
-                let x = at % (width / 2 + 1);
-                let twice = if x == 0 || 2 * x == width { 1.0 } else { 2.0 };
-                twice * f64::from(compliance[5][at])
-            })
-            .sum();
+        let counted: f64 = (0..count).map(|at| transform.multiplicity(at) * f64::from(compliance[5][at])).sum();
         let own_compliance = (counted / (width * height) as f64) as f32;
         let planes = |count: usize| [0, 1, 2].map(|_| HalfSpectrum::zeros(count));
         Self {
@@ -246,9 +240,7 @@ impl ContactGrid {
     /// Finds the pressures under which the surface does not enter the object, linearised about the guess.
     pub fn solve(
         &mut self,
-        object: &HeightMap,
-        lifted_mm: f32,
-        region: Rect,
+        (object, lifted_mm, region): (&HeightMap, f32, Rect),
         free: &Field,
         ContactGuess { surface, force, pressure }: ContactGuess<'_>,
         tolerance_mm: f32,
@@ -264,6 +256,130 @@ impl ContactGrid {
         for (surface, free) in surface.iter_mut().zip(free) {
             surface.iter_mut().zip(free).for_each(|(sum, free)| *sum += free);
         }
+    }
+
+    /// Finds the forces under which the surface does not enter the object, where points that touch stay at their
+    /// anchors.
+    pub fn solve_sticking(
+        &mut self,
+        (object, lifted_mm, region): (&HeightMap, f32, Rect),
+        free: &Field,
+        anchors: &[Vec<f32>; 2],
+        ContactGuess { surface, force, pressure }: ContactGuess<'_>,
+        tolerance_mm: f32,
+    ) {
+        let [width, _] = self.transform.size();
+        let per_mm = self.spacing_mm.map(|mm| (1.0 / mm) as f32);
+        let mut target = [anchors[0].clone(), anchors[1].clone(), vec![FAR_MM; self.nodes()]];
+        for y in region.y0..region.y1 {
+            for x in region.x0..region.x1 {
+                let at = y * width + x;
+                let place = [x as f32 + target[0][at] * per_mm[0], y as f32 + target[1][at] * per_mm[1]];
+                target[2][at] = lifted_mm - object.at(place).height_mm;
+            }
+        }
+        if force[2].iter().all(|f| *f >= 0.0) {
+            for ((f, free), target) in force[2].iter_mut().zip(&free[2]).zip(&target[2]) {
+                *f = (target - free).min(0.0) / self.largest_compliance;
+            }
+        }
+        self.stick_to(&target, free, force, surface, tolerance_mm);
+        for (p, f) in pressure.iter_mut().zip(&force[2]) {
+            *p = -f;
+        }
+    }
+
+    /// Conjugate gradients for the forces of nodes that touch, which join and leave as they enter or pull.
+    fn stick_to(&mut self, target: &Field, free: &Field, force: &mut Field, surface: &mut Field, tolerance_mm: f32) {
+        const MOST: u32 = 60;
+        let mut residual = self.zeros();
+        let (mut last_residual, mut step) = (residual.clone(), residual.clone());
+        let (mut direction, mut response) = (residual.clone(), residual.clone());
+        let add = |surface: &mut Field| {
+            for (surface, free) in surface.iter_mut().zip(free) {
+                surface.iter_mut().zip(free).for_each(|(sum, free)| *sum += free);
+            }
+        };
+        let product = |a: &Field, b: &Field| (0..3).map(|c| dot(&a[c], &b[c])).sum::<f64>();
+        self.displace(force, surface);
+        add(surface);
+        let (mut last_product, mut keeps) = (1.0_f64, false);
+        for iteration in 0.. {
+            let mut worst = 0.0_f32;
+            for at in 0..force[2].len() {
+                let touches = force[2][at] < 0.0;
+                for c in 0..3 {
+                    let off = surface[c][at] - target[c][at];
+                    residual[c][at] = if touches { off } else { 0.0 };
+                    worst = worst.max(if touches {
+                        off.abs()
+                    } else if c == 2 {
+                        off
+                    } else {
+                        0.0
+                    });
+                }
+            }
+            if worst <= tolerance_mm || iteration == MOST {
+                return;
+            }
+            self.apply_inverse(&residual, &mut step);
+            for part in &mut step {
+                part.iter_mut().zip(&force[2]).for_each(|(z, f)| *z = if *f < 0.0 { *z } else { 0.0 });
+            }
+            let now = product(&residual, &step);
+            let share = ((now - product(&step, &last_residual)) / last_product).max(0.0);
+            let share = if keeps && share.is_finite() { share as f32 } else { 0.0 };
+            last_product = now;
+            for (direction, step) in direction.iter_mut().zip(&step) {
+                for ((t, z), f) in direction.iter_mut().zip(step).zip(&force[2]) {
+                    *t = if *f < 0.0 { z + share * *t } else { 0.0 };
+                }
+            }
+            self.displace(&direction, &mut response);
+            let curvature = product(&direction, &response);
+            if curvature <= 0.0 {
+                return;
+            }
+            let length = (product(&residual, &direction) / curvature) as f32;
+            std::mem::swap(&mut residual, &mut last_residual);
+            let mut changed = false;
+            for at in 0..force[2].len() {
+                let touches = force[2][at] < 0.0;
+                for c in 0..3 {
+                    surface[c][at] -= length * response[c][at];
+                    force[c][at] -= length * direction[c][at];
+                }
+                if touches && force[2][at] >= 0.0 {
+                    changed = true;
+                    (0..3).for_each(|c| force[c][at] = 0.0);
+                } else if !touches && surface[2][at] > target[2][at] {
+                    changed = true;
+                    force[2][at] = (target[2][at] - surface[2][at]) / self.own_compliance;
+                }
+            }
+            keeps = !changed;
+            if changed {
+                self.displace(force, surface);
+                add(surface);
+            }
+        }
+    }
+
+    /// Computes approximately the forces under displacements.
+    fn apply_inverse(&mut self, displacement: &Field, force: &mut Field) {
+        let [x, y, z] = &mut self.spectra;
+        self.transform.forward([&displacement[0], &displacement[1]], [x, y]);
+        self.transform.forward_one(&displacement[2], z);
+        for HalfSpectrum { re, im } in &mut self.spectra {
+            for ((re, im), inverse) in re.iter_mut().zip(im).zip(&self.inverse) {
+                (*re, *im) = (*re * inverse, *im * inverse);
+            }
+        }
+        let [x, y, z] = &self.spectra;
+        let [to_x, to_y, to_z] = force;
+        self.transform.inverse([x, y], [to_x, to_y]);
+        self.transform.inverse_one(z, to_z);
     }
 
     fn linearise(&self, object: &HeightMap, lifted_mm: f32, region: Rect, free: &Field, surface: &Field) -> Conditions {

@@ -25,26 +25,50 @@ struct Effort {
     /// Depth up to which a press is one load step, and the load steps of deeper ones, thicknesses.
     one_step: f64,
     load_step: f64,
+    /// Load steps of a pad that sticks, thicknesses: the shorter they are, the better it is known where points first
+    /// touch.
+    sticking_step: f64,
     /// Most steps of the fixed point in a try.
     max_iterations: u32,
+    /// Steps without progress after which a load step has failed.
+    patience: u32,
 }
 
-/// For the model of its own.
-const THOROUGH: Effort = Effort {
-    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 3.0)],
+/// For the model of its own under an object without walls.
+const SMOOTH: Effort = Effort {
+    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0)],
     layers: 6,
     one_step: 0.31,
     load_step: 0.15,
+    sticking_step: 0.05,
     max_iterations: 80,
+    patience: 20,
 };
+/// For the model of its own beside walls. Either a try converges soon, or the edges are too sharp for it.
+const WALLS: Effort = Effort {
+    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 3.0)],
+    max_iterations: 60,
+    patience: 12,
+    ..SMOOTH
+};
+/// The same for deep presses, in which a finer grid does not converge.
+const DEEP_WALLS: Effort = Effort { tries: &[(8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 3.0)], ..WALLS };
 /// For the correction of the elastic model.
 const CHEAP: Effort = Effort {
     tries: &[(6.0, 1.0 / 12.0), (6.0, 1.0 / 6.0), (6.0, 1.0 / 3.0)],
     layers: 5,
     one_step: 0.5,
     load_step: 0.5,
+    sticking_step: 0.1,
     max_iterations: 24,
+    patience: 8,
 };
+
+/// Slope of the object at the contact's edge from which on it is a wall.
+const WALL_SLOPE: f64 = 3.0;
+
+/// Depth from which on a press beside a wall is deep, thicknesses.
+const DEEP: f64 = 0.25;
 
 /// Room between the contact and the box's border, thicknesses.
 const ROOM: f64 = 2.5;
@@ -67,7 +91,6 @@ pub type Reason = &'static str;
 
 const NOTHING_TOUCHES: Reason = "nothing reaches into the pad";
 const SMALL: Reason = "linear theory is within the tolerance";
-const STICKS: Reason = "a pad that sticks to the object is solved by linear theory";
 const CUT_OFF: Reason = "the contact goes on beyond the captured window, where linear theory alone is used";
 const TOO_WIDE: Reason = "the contact is too wide for a box of rubber: linear theory is used";
 const NOT_CONVERGED: Reason = "rubber at finite strain was not solved within the tolerance: linear theory is used";
@@ -76,9 +99,6 @@ impl ElasticPad {
     /// Decides whether the difference between rubber and a linear layer would be visible.
     pub fn finite_strain_required(&self, depth: &Depth) -> Requirement {
         let Some(settings) = self.strain_settings() else { return Requirement::Absent("the gelpad model is linear") };
-        if settings.stick {
-            return Requirement::Absent(STICKS);
-        }
         let (touching, penetration) = (depth.touching, &depth.penetration);
         if touching.is_empty() {
             return Requirement::Absent(NOTHING_TOUCHES);
@@ -87,8 +107,8 @@ impl ElasticPad {
         if x0 == 0 || y0 == 0 || x1 == penetration.width || y1 == penetration.height {
             return Requirement::Absent(CUT_OFF);
         }
-        let [(nodes, _), ..] = Self::effort(&settings).tries else { return Requirement::Absent(TOO_WIDE) };
-        if self.node_spacing_mm(touching, &settings, *nodes).is_none() {
+        let (nodes, _) = self.effort(depth, &settings).tries[0];
+        if self.node_spacing_mm(touching, &settings, nodes).is_none() {
             return Requirement::Absent(TOO_WIDE);
         }
         if self.expected_error_mm(depth) < 1e-3 * NEGLIGIBLE_SHARE * settings.tolerance_um {
@@ -109,18 +129,28 @@ impl ElasticPad {
     /// Returns the error that linear theory is expected to have, mm, judged by where the object reaches below the
     /// undeformed pad. The contact is smaller than that, and gentler at its edge.
     fn expected_error_mm(&self, depth: &Depth) -> f64 {
-        let mut overlap = Grid::new(depth.penetration.width, depth.penetration.height);
-        for (mask, mm) in overlap.data.iter_mut().zip(&depth.penetration.data) {
-            *mask = if *mm > 0.0 { 255 } else { 0 };
-        }
-        let Some(edge) = ContactEdge::from_mask(&overlap, &depth.penetration, 0, self.mm_per_px()) else { return 0.0 };
+        let Some(edge) = self.overlap_edge(depth) else { return 0.0 };
         let deepest_mm = f64::from(depth.penetration.largest(|mm| mm));
         let known = model_error_mm(deepest_mm, self.layer().thickness_mm, edge, self.friction());
         known.unwrap_or(f64::INFINITY)
     }
 
-    fn effort(settings: &StrainSettings) -> &'static Effort {
-        if settings.thorough { &THOROUGH } else { &CHEAP }
+    /// Measures the edge of the part of the object below the undeformed pad.
+    fn overlap_edge(&self, depth: &Depth) -> Option<ContactEdge> {
+        let mut overlap = Grid::new(depth.penetration.width, depth.penetration.height);
+        for (mask, mm) in overlap.data.iter_mut().zip(&depth.penetration.data) {
+            *mask = if *mm > 0.0 { 255 } else { 0 };
+        }
+        ContactEdge::from_mask(&overlap, &depth.penetration, 0, self.mm_per_px())
+    }
+
+    fn effort(&self, depth: &Depth, settings: &StrainSettings) -> &'static Effort {
+        match settings.thorough {
+            false => &CHEAP,
+            true if self.overlap_edge(depth).is_none_or(|edge| edge.slope < WALL_SLOPE) => &SMOOTH,
+            true if f64::from(depth.deepest_mm) < DEEP * self.layer().thickness_mm => &WALLS,
+            true => &DEEP_WALLS,
+        }
     }
 
     /// Returns the distance between the nodes of the box, mm, `nodes` for each thickness unless the job says another;
@@ -145,7 +175,7 @@ impl ElasticPad {
     /// The reason why there is none.
     pub fn solve_finite_strain(&self, depth: &Depth) -> Result<StrainCorrection, Reason> {
         let settings = self.strain_settings().ok_or("the gelpad model is linear")?;
-        let effort = Self::effort(&settings);
+        let effort = self.effort(depth, &settings);
         let (mut solver, mut last_spacing_mm) = (None, 0.0);
         let mut iterations = 0;
         for (nodes, opening) in effort.tries {
@@ -155,7 +185,7 @@ impl ElasticPad {
                 last_spacing_mm = spacing_mm;
             }
             let solver = solver.get_or_insert_with(|| self.prepare_box(depth.touching, spacing_mm, effort.layers));
-            match self.try_opened(depth, solver, opening * self.layer().thickness_mm, &settings) {
+            match self.try_opened(depth, solver, opening * self.layer().thickness_mm, (&settings, effort)) {
                 Try::Solved(found) => {
                     return Ok(StrainCorrection { iterations: iterations + found.iterations, ..*found });
                 }
@@ -174,8 +204,14 @@ impl ElasticPad {
     }
 
     /// Solves for the difference under an object whose edges are rounded.
-    fn try_opened(&self, depth: &Depth, solver: &mut RubberSolver, opened_mm: f64, settings: &StrainSettings) -> Try {
-        let (h, mm_per_px, effort) = (self.layer().thickness_mm, self.mm_per_px(), Self::effort(settings));
+    fn try_opened(
+        &self,
+        depth: &Depth,
+        solver: &mut RubberSolver,
+        opened_mm: f64,
+        (settings, effort): (&StrainSettings, &Effort),
+    ) -> Try {
+        let (h, mm_per_px) = (self.layer().thickness_mm, self.mm_per_px());
         let Depth { penetration, touching, .. } = depth;
         let (nodes, node_mm) = (solver.contact_size(), solver.contact_spacing_mm());
         // The middle node lies over the middle of the contact.
@@ -198,9 +234,11 @@ impl ElasticPad {
             region: region.grown(reach, nodes[0], nodes[1]),
             contact_mm: libm::sqrt(f64::from(touching_px) * mm_per_px[0] * mm_per_px[1]),
             tolerance_mm: 1e-3 * settings.tolerance_um,
-            max_iterations: effort.max_iterations,
-            load_step_mm: effort.load_step * h,
-            one_step_mm: effort.one_step * h,
+            max_iterations: effort.max_iterations * if settings.stick { 3 } else { 1 },
+            patience: effort.patience,
+            load_step_mm: h * if settings.stick { effort.sticking_step } else { effort.load_step },
+            one_step_mm: if settings.stick { 0.0 } else { effort.one_step * h },
+            stick: settings.stick,
         };
         let press = solver.press(&HeightMap::new(opened, node_mm), &options);
         if !press.converged {
@@ -220,6 +258,7 @@ impl ElasticPad {
             displacement: placed(surface.difference_mm),
             motion: surface.motion_mm.map(placed),
             opened_mm,
+            sticks: settings.stick,
             iterations: press.iterations,
             residual_um: 1e3 * press.residual_mm,
         }))

@@ -36,6 +36,8 @@ pub struct StrainCorrection {
     pub(super) motion: [PlacedDisplacement; 2],
     /// Radius by which the object's edges were rounded, mm.
     pub opened_mm: f64,
+    /// True if the surface sticks to the object: the tractions under it are part of the correction.
+    pub sticks: bool,
     /// Number of steps of the fixed point, with those of failed tries.
     pub iterations: u32,
     /// Largest change of the surface in the last step, um.

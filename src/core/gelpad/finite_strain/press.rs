@@ -44,9 +44,13 @@ pub struct PressOptions {
     pub tolerance_mm: f64,
     /// Most steps, all load steps together.
     pub max_iterations: u32,
+    /// Steps without progress after which a load step has failed.
+    pub patience: u32,
     /// Largest load step, mm, of presses deeper than `one_step_mm`. Where a step fails, halves of it are tried.
     pub load_step_mm: f64,
     pub one_step_mm: f64,
+    /// True if points of the surface stay where they first touch the object.
+    pub stick: bool,
 }
 
 /// Power of the layers' grading: the highest elements are the thinnest.
@@ -55,11 +59,9 @@ const GRADING: f64 = 1.5;
 /// Smallest load step, as a share of the thickness.
 const SMALLEST_STEP: f64 = 0.06;
 
-/// Change of the surface that is accepted before the last load step, mm.
-const INTERMEDIATE_MM: f64 = 0.02;
-
-/// Steps of the fixed point without progress after which a load step has failed.
-const PATIENCE: u32 = 20;
+/// Change of the surface that is accepted before the last load step, mm: where points slide, and where they stay where
+/// that load step leaves them.
+const INTERMEDIATE_MM: [f64; 2] = [0.02, 0.003];
 
 /// Steps without progress from which on the contact is linearised between the last place and the new one, and those
 /// after which it gets closer to the last.
@@ -72,6 +74,8 @@ struct LoadStep<'a> {
     /// How far it still is above its final place.
     lifted_mm: f32,
     tolerance_mm: f64,
+    /// Where points stay that touch; `None` if they slide.
+    anchors: Option<[Vec<f32>; 2]>,
 }
 
 /// A converged load step.
@@ -80,7 +84,9 @@ struct Level {
     depth_mm: f64,
     state: State,
     surface: Field,
+    /// Pressure of the nodes along the object's normal; only where they slide.
     pressure: Vec<f32>,
+    force: Field,
 }
 
 impl RubberSolver {
@@ -117,7 +123,9 @@ impl RubberSolver {
             state: self.layer.grid.rest(),
             surface: self.contact.zeros(),
             pressure: vec![0.0; self.contact.nodes()],
+            force: self.contact.zeros(),
         };
+        let mut anchors = options.stick.then(|| [0, 1].map(|_| vec![0.0; self.contact.nodes()]));
         let mut before: Option<Level> = None;
         let thickness_mm = self.pad.thickness_mm;
         let mut step = if deepest <= options.one_step_mm { deepest } else { options.load_step_mm };
@@ -146,8 +154,13 @@ impl RubberSolver {
             }
             acceleration.jump();
             let is_last = depth_mm == deepest;
-            let tolerance_mm = if is_last { options.tolerance_mm } else { options.tolerance_mm.max(INTERMEDIATE_MM) };
-            let load = LoadStep { object, lifted_mm: (deepest - depth_mm) as f32, tolerance_mm };
+            let intermediate_mm = INTERMEDIATE_MM[usize::from(options.stick)];
+            let tolerance_mm = if is_last { options.tolerance_mm } else { options.tolerance_mm.max(intermediate_mm) };
+            let lifted_mm = (deepest - depth_mm) as f32;
+            if let Some(anchors) = &mut anchors {
+                self.set_anchors(anchors, object, [&reached, before.as_ref().unwrap_or(&reached)], (depth_mm, deepest));
+            }
+            let load = LoadStep { object, lifted_mm, tolerance_mm, anchors: anchors.clone() };
             let solved = self.solve_step(&load, options, &mut next, &mut press, &mut acceleration);
             if solved {
                 before = Some(std::mem::replace(&mut reached, next));
@@ -160,8 +173,40 @@ impl RubberSolver {
             }
         }
         press.converged = true;
-        press.surface = reached.surface;
+        (press.surface, press.force) = (reached.surface, reached.force);
         press
+    }
+
+    /// Sets where points that do not touch yet will stay if they touch in the next load step: where they are when they
+    /// first touch.
+    ///
+    /// As the contact's edge comes nearer, a point's gap falls like the power 3/2 of the distance to it. The last two
+    /// load steps say when it will be 0, and how the point moves until then.
+    fn set_anchors(
+        &self,
+        anchors: &mut [Vec<f32>; 2],
+        object: &HeightMap,
+        [now, before]: [&Level; 2],
+        (depth_mm, deepest_mm): (f64, f64),
+    ) {
+        let [width, _] = self.contact_size();
+        let per_mm = self.contact.spacing_mm.map(|mm| (1.0 / mm) as f32);
+        let gap = |level: &Level, at: usize| {
+            let [x, y, z] = [0, 1, 2].map(|c| level.surface[c][at]);
+            let place = [(at % width) as f32 + x * per_mm[0], (at / width) as f32 + y * per_mm[1]];
+            ((deepest_mm - level.depth_mm) as f32 - object.at(place).height_mm - z).max(0.0)
+        };
+        let passed = now.depth_mm - before.depth_mm;
+        let ahead = if passed > 0.0 { ((depth_mm - now.depth_mm) / passed) as f32 } else { 0.0 };
+        for at in (0..now.pressure.len()).filter(|at| now.force[2][*at] >= 0.0) {
+            let [wide, narrow] = [before, now].map(|level| libm::powf(gap(level, at), 2.0 / 3.0));
+            // In shares of the next load step.
+            let until = if wide > narrow { (narrow / (ahead * (wide - narrow))).min(1.0) } else { 0.5 };
+            for (c, anchors) in anchors.iter_mut().enumerate() {
+                let (now, before) = (now.surface[c][at], before.surface[c][at]);
+                anchors[at] = now + until * ahead * (now - before);
+            }
+        }
     }
 
     /// Iterates at one depth; returns whether it converged.
@@ -188,10 +233,14 @@ impl RubberSolver {
             let old = level.surface.clone();
             // No closer than the step's own change is worth.
             let closeness = (0.1 * load.tolerance_mm).max((0.03 * last).min(0.01 * self.pad.thickness_mm));
-            let guess =
-                ContactGuess { surface: &mut level.surface, force: &mut press.force, pressure: &mut level.pressure };
-            self.contact.solve(load.object, load.lifted_mm, options.region, &free, guess, closeness as f32);
-            let force = self.contact.coarsen(&press.force);
+            let Level { surface, force, pressure, .. } = &mut *level;
+            let guess = ContactGuess { surface, force, pressure };
+            let (place, free) = ((load.object, load.lifted_mm, options.region), &free);
+            match &load.anchors {
+                None => self.contact.solve(place, free, guess, closeness as f32),
+                Some(anchors) => self.contact.solve_sticking(place, free, anchors, guess, closeness as f32),
+            }
+            let force = self.contact.coarsen(&level.force);
             self.layer.substitute(force, &mut image);
             let plane = self.layer.grid.plane();
             let top = image.pressure.len() - plane;
@@ -218,7 +267,7 @@ impl RubberSolver {
                 (best, waited) = (last, 0);
             } else {
                 waited += 1;
-                if waited > PATIENCE {
+                if waited > options.patience {
                     return false;
                 }
             }

@@ -28,6 +28,9 @@ impl HalfSpectrum {
 /// Transforms of real fields of a fixed size.
 pub struct RealTransform {
     plane: PlaneTransform,
+    /// Number of each kept frequency along x and y, in the order of the complex spectrum: neighbours in memory stay
+    /// neighbours.
+    numbers: Vec<[usize; 2]>,
     /// Where each kept frequency and its opposite stand in the complex spectrum.
     places: Vec<[u32; 2]>,
     buffer: VectorField,
@@ -38,14 +41,15 @@ impl RealTransform {
     pub fn new(size: [usize; 2]) -> Self {
         let plane = PlaneTransform::new(size);
         let [width, height] = size;
-        let place = |at: usize| {
-            let (x, y) = (at % (width / 2 + 1), at / (width / 2 + 1));
+        let mut numbers: Vec<[usize; 2]> = (0..height).flat_map(|y| (0..=width / 2).map(move |x| [x, y])).collect();
+        numbers.sort_by_key(|[x, y]| plane.frequency_index(*x, *y));
+        let place = |[x, y]: &[usize; 2]| {
             let opposite = [(width - x) % width, (height - y) % height];
-            [plane.frequency_index(x, y) as u32, plane.frequency_index(opposite[0], opposite[1]) as u32]
+            [plane.frequency_index(*x, *y) as u32, plane.frequency_index(opposite[0], opposite[1]) as u32]
         };
-        let places = (0..(width / 2 + 1) * height).map(place).collect();
+        let places = numbers.iter().map(place).collect();
         let buffer = plane.zeros();
-        Self { plane, places, buffer }
+        Self { plane, numbers, places, buffer }
     }
 
     /// Returns the number of values along x and y.
@@ -62,7 +66,7 @@ impl RealTransform {
     /// The second pair is true where the frequency is the highest one, which has no sign.
     pub fn angles(&self, at: usize) -> ([f64; 2], [bool; 2]) {
         let [width, height] = self.size();
-        let (x, y) = (at % (width / 2 + 1), at / (width / 2 + 1));
+        let [x, y] = self.numbers[at];
         let signed = if 2 * y > height { y as f64 - height as f64 } else { y as f64 };
         let turn = std::f64::consts::TAU;
         ([turn * x as f64 / width as f64, turn * signed / height as f64], [2 * x == width, 2 * y == height])
@@ -132,19 +136,31 @@ impl RealTransform {
         from_strips(self.buffer.vectors()[0], field, [width, height]);
     }
 
+    /// Returns the place of the frequency with these numbers along x and y.
+    pub fn place_of(&self, numbers: [usize; 2]) -> usize {
+        let order = |[x, y]: [usize; 2]| self.plane.frequency_index(x, y);
+        let wanted = order(numbers);
+        self.numbers.partition_point(|numbers| order(*numbers) < wanted)
+    }
+
+    /// Returns how many frequencies of the complete spectrum a kept one stands for: itself and its opposite.
+    pub fn multiplicity(&self, at: usize) -> f64 {
+        let [x, _] = self.numbers[at];
+        if x == 0 || 2 * x == self.size()[0] { 1.0 } else { 2.0 }
+    }
+
     /// Returns, for each kept frequency of a coarser grid over the same torus, its place in this one's half spectrum;
     /// `None` for the coarser grid's highest frequencies, which have no sign.
     pub fn places_of_coarser(&self, coarse: &Self) -> Vec<Option<u32>> {
-        let ([width, height], [coarse_width, coarse_height]) = (self.size(), coarse.size());
-        let place = |at: usize| {
-            let (x, y) = (at % (coarse_width / 2 + 1), at / (coarse_width / 2 + 1));
+        let ([_, height], [coarse_width, coarse_height]) = (self.size(), coarse.size());
+        let place = |[x, y]: &[usize; 2]| {
             if 2 * x == coarse_width || 2 * y == coarse_height {
                 return None;
             }
-            let row = if 2 * y > coarse_height { y + height - coarse_height } else { y };
-            Some((row * (width / 2 + 1) + x) as u32)
+            let row = if 2 * y > coarse_height { y + height - coarse_height } else { *y };
+            Some(self.place_of([*x, row]) as u32)
         };
-        (0..coarse.frequencies()).map(place).collect()
+        coarse.numbers.iter().map(place).collect()
     }
 }
 
@@ -191,7 +207,7 @@ mod tests {
         for (now, then) in back.iter().flatten().chain(&one).zip(fields.iter().flatten().chain(&fields[1])) {
             assert!((now - then).abs() < 1e-3, "{now} {then}");
         }
-        let at = 3 + (width / 2 + 1) * (height - 5);
+        let at = transform.place_of([3, height - 5]);
         let (angles, _) = transform.angles(at);
         let wave: Vec<f32> = (0..width * height)
             .map(|at| (angles[0] * (at % width) as f64 + angles[1] * (at / width) as f64).cos() as f32)
