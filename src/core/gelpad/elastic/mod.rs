@@ -321,6 +321,7 @@ impl ElasticPad {
         };
         if let Some(strain) = prior.strain {
             contact.numerics.theory = Theory::FiniteStrain;
+            contact.numerics.model_error_um = error_mm.map(|mm| 1e3 * mm * strain.error_share);
             contact.numerics.opened_mm = strain.opened_mm;
             contact.numerics.strain_iterations = strain.iterations;
             contact.numerics.strain_residual_um = strain.residual_um;

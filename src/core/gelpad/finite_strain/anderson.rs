@@ -91,9 +91,7 @@ fn solve_scaled(products: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
         for j in 0..=i {
             let more = if i == j { REGULARISATION } else { 0.0 };
             let mut value = products[i][j] * scale[i] * scale[j] + more;
-            for k in 0..j {
-                value -= lower[i][k] * lower[j][k];
-            }
+            value -= lower[i].iter().zip(&lower[j]).take(j).map(|(a, b)| a * b).sum::<f64>();
             if i == j && value <= 0.0 {
                 return None;
             }

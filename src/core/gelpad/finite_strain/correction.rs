@@ -86,6 +86,12 @@ const REACH: f64 = 0.3;
 /// factor of two.
 const NEGLIGIBLE_SHARE: f64 = 0.5;
 
+/// Share of the linear layer's largest error that is left, as a rule: where edges are hardly rounded, and where they
+/// are rounded by more than `SHARP` thicknesses. In half of 109 presses of the finite elements' table it is less than
+/// 0.39, in nine of ten less than 1.25.
+const ERROR_SHARES: [f64; 2] = [0.4, 0.7];
+const SHARP: f64 = 0.1;
+
 /// The reason why a press was not corrected.
 pub type Reason = &'static str;
 
@@ -259,6 +265,7 @@ impl ElasticPad {
             motion: surface.motion_mm.map(placed),
             opened_mm,
             sticks: settings.stick,
+            error_share: ERROR_SHARES[usize::from(opened_mm > SHARP * h)],
             iterations: press.iterations,
             residual_um: 1e3 * press.residual_mm,
         }))

@@ -38,6 +38,8 @@ pub struct StrainCorrection {
     pub opened_mm: f64,
     /// True if the surface sticks to the object: the tractions under it are part of the correction.
     pub sticks: bool,
+    /// Share of the linear layer's expected error that the corrected one is expected to have.
+    pub error_share: f64,
     /// Number of steps of the fixed point, with those of failed tries.
     pub iterations: u32,
     /// Largest change of the surface in the last step, um.

@@ -225,7 +225,7 @@ impl RubberSolver {
         while press.iterations < options.max_iterations {
             press.iterations += 1;
             let smallest = self.layer.grid.remainder(&level.state, &mut remainder);
-            if !(smallest > 0.0) {
+            if smallest <= 0.0 {
                 return false;
             }
             let surface = self.layer.eliminate(&level.state, &remainder);
@@ -244,16 +244,11 @@ impl RubberSolver {
             self.layer.substitute(force, &mut image);
             let plane = self.layer.grid.plane();
             let top = image.pressure.len() - plane;
-            let mut change = 0.0_f32;
-            for c in 0..3 {
-                let pairs = [
-                    (&image.displacement[c][top..], &level.state.displacement[c][top..]),
-                    (&level.surface[c][..], &old[c][..]),
-                ];
-                for (now, then) in pairs {
-                    change = now.iter().zip(then).fold(change, |most, (a, b)| most.max((a - b).abs()));
-                }
-            }
+            let tops = image.displacement.iter().zip(&level.state.displacement);
+            let change = tops
+                .map(|(now, then)| largest_difference(&now[top..], &then[top..]))
+                .chain(level.surface.iter().zip(&old).map(|(now, then)| largest_difference(now, then)))
+                .fold(0.0, f32::max);
             last = f64::from(change);
             press.residual_mm = last;
             if !last.is_finite() || last > self.pad.thickness_mm {
@@ -281,9 +276,8 @@ impl RubberSolver {
             }
             let next = acceleration.next(&level.state, image.clone());
             // A step that would move anything by a third of the pad is cut.
-            let moved = (0..3)
-                .flat_map(|c| next.displacement[c].iter().zip(&level.state.displacement[c]))
-                .fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
+            let moved = next.displacement.iter().zip(&level.state.displacement);
+            let moved = moved.map(|(now, then)| largest_difference(now, then)).fold(0.0, f32::max);
             let most = self.pad.thickness_mm as f32 / 3.0;
             if moved > most {
                 let change = subtract(&next, &level.state);
@@ -294,4 +288,12 @@ impl RubberSolver {
         }
         false
     }
+}
+
+/// Returns the largest difference between numbers; infinite if one is NaN.
+fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
+    a.iter().zip(b).fold(0.0, |most, (a, b)| {
+        let difference = (a - b).abs();
+        if difference.is_nan() { f32::INFINITY } else { difference.max(most) }
+    })
 }
