@@ -46,13 +46,14 @@ const SMOOTH: Effort = Effort {
 };
 /// For the model of its own beside walls. Either a try converges soon, or the edges are too sharp for it.
 const WALLS: Effort = Effort {
-    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 3.0)],
+    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 8.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 4.0)],
     max_iterations: 60,
     patience: 12,
     ..SMOOTH
 };
 /// The same for deep presses, in which a finer grid does not converge.
-const DEEP_WALLS: Effort = Effort { tries: &[(8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 3.0)], ..WALLS };
+const DEEP_WALLS: Effort =
+    Effort { tries: &[(8.0, 1.0 / 12.0), (8.0, 1.0 / 8.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 4.0)], ..WALLS };
 /// For the correction of the elastic model.
 const CHEAP: Effort = Effort {
     tries: &[(6.0, 1.0 / 12.0), (6.0, 1.0 / 6.0), (6.0, 1.0 / 3.0)],
@@ -91,6 +92,9 @@ const NEGLIGIBLE_SHARE: f64 = 0.5;
 /// 0.39, in nine of ten less than 1.25.
 const ERROR_SHARES: [f64; 2] = [0.4, 0.7];
 const SHARP: f64 = 0.1;
+
+/// Least share of the object's volume below the undeformed pad that must be left when its edges are rounded.
+const LEAST_KEPT: f64 = 0.5;
 
 /// The reason why a press was not corrected.
 pub type Reason = &'static str;
@@ -197,7 +201,7 @@ impl ElasticPad {
                 }
                 Try::Failed(more) => iterations += more,
                 // What is thinner than a ball is thinner than the next one, too.
-                Try::NothingLeft => break,
+                Try::TooLittleLeft => break,
             }
         }
         Err(NOT_CONVERGED)
@@ -225,11 +229,13 @@ impl ElasticPad {
         let first_px: [f64; 2] =
             std::array::from_fn(|k| middle_px[k] - (nodes[k] / 2) as f64 * node_mm[k] / mm_per_px[k] - 0.5);
         let step_px = std::array::from_fn(|k| node_mm[k] / mm_per_px[k]);
-        let opened = open_by_ball(&sample_window(penetration, nodes, first_px, step_px), node_mm, opened_mm);
+        let captured = sample_window(penetration, nodes, first_px, step_px);
+        let opened = open_by_ball(&captured, node_mm, opened_mm);
         let nothing = opened.data.iter().copied().fold(f32::INFINITY, f32::min);
         let region = bounding_box(&opened, |g| g > nothing);
-        if region.is_empty() || opened.largest(|g| g) <= 0.0 {
-            return Try::NothingLeft;
+        let volume = |object: &Grid<f32>| object.data.iter().map(|g| f64::from(g.max(0.0))).sum::<f64>();
+        if volume(&opened) < LEAST_KEPT * volume(&captured) || opened.largest(|g| g) <= 0.0 {
+            return Try::TooLittleLeft;
         }
         let reach = (REACH * h / node_mm[0].min(node_mm[1])) as usize + 2;
         let touching_px = simd_dispatch(
@@ -277,8 +283,8 @@ enum Try {
     Solved(Box<StrainCorrection>),
     /// After so many steps.
     Failed(u32),
-    /// The ball does not fit into the object.
-    NothingLeft,
+    /// The ball does not fit into much of the object: a correction for the rest would be none for the whole.
+    TooLittleLeft,
 }
 
 /// Samples the captured object at nodes, by straight lines; beyond the window there is nothing.
