@@ -274,6 +274,10 @@ impl RubberSolver {
                     now.iter_mut().zip(then).for_each(|(now, then)| *now = then + share * (*now - then));
                 }
             }
+            if waited > 0 && (waited == FREE_WAIT || waited % LONG_WAIT == 0) {
+                // What was learned with another share misleads.
+                acceleration.forget();
+            }
             let next = acceleration.next(&level.state, image.clone());
             // A step that would move anything by a third of the pad is cut.
             let moved = next.displacement.iter().zip(&level.state.displacement);
