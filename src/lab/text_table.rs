@@ -14,8 +14,8 @@ const GAP: &str = "  ";
 
 impl TextTable {
     /// Creates a table with these lines of heads.
-    pub fn new<const COLUMNS: usize>(heads: &[[&str; COLUMNS]]) -> Self {
-        let lines = heads.iter().map(|line| line.iter().map(|cell| (*cell).to_owned()).collect()).collect();
+    pub fn new<'a>(heads: &[impl AsRef<[&'a str]>]) -> Self {
+        let lines = heads.iter().map(|line| line.as_ref().iter().map(|cell| (*cell).to_owned()).collect()).collect();
         Self { heads: heads.len(), lines }
     }
 

@@ -21,7 +21,7 @@ pub fn rig(resolution: Resolution, friction: Option<Friction>) -> Rig {
 }
 
 /// How far the object of a row is below the undeformed pad at a distance from its axis, mm.
-fn penetration(row: &Value, r: f64) -> f64 {
+pub fn penetration(row: &Value, r: f64) -> f64 {
     let of = |key: &str| row[key].as_f64().unwrap_or_else(|| panic!("{key} of {row}"));
     let beside = |inside: bool, height: f64| if inside { of("depth_mm") - height } else { NOTHING };
     match row["object"].as_str() {

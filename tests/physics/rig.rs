@@ -4,9 +4,11 @@ use gelsim_core::base::grid::Resolution;
 use gelsim_core::base::grid::{Grid, bounding_box};
 use gelsim_core::base::view::View;
 use gelsim_core::depth::Depth;
-use gelsim_core::gelpad::Contact;
+use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_core::gelpad::elastic::{Elastic, ElasticPad};
+use gelsim_core::gelpad::material::Material;
+use gelsim_core::gelpad::{Contact, Model, Pad, deform_pad};
 use gelsim_files::sensor::Sensor;
 
 pub const RESOLUTIONS: [Resolution; 3] = [Resolution::Full, Resolution::Half, Resolution::Quarter];
@@ -44,17 +46,29 @@ impl Setup {
         Self { elastic: Elastic { resolution, tolerance_um, ..self.elastic }, ..self }
     }
 
-    pub fn rig(self) -> Rig {
-        let sensor = Sensor {
+    pub fn material(self) -> Material {
+        Sensor {
             resolution_px: self.resolution_px.map(|px| px as u32),
             field_of_view_mm: std::array::from_fn(|k| self.resolution_px[k] as f64 * self.mm_per_px[k]),
             gelpad_thickness_mm: self.thickness_mm,
             gelpad_poisson_ratio: self.poisson_ratio,
             gelpad_youngs_modulus_kpa: self.youngs_modulus_kpa,
             ..Sensor::default()
-        };
+        }
+        .gelpad_material()
+    }
+
+    pub fn rig(self) -> Rig {
+        self.rig_of(&Model::Elastic(self.elastic))
+    }
+
+    /// The same pad by another model that is elastic.
+    pub fn rig_of(self, model: &Model) -> Rig {
         let camera = View { resolution_px: self.resolution_px, mm_per_px: self.mm_per_px };
-        Rig { setup: self, pad: ElasticPad::new(&self.elastic, &sensor.gelpad_material(), &camera) }
+        match Pad::new(model, &self.material(), &camera) {
+            Pad::Elastic(pad) => Rig { setup: self, pad: *pad },
+            Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_) => panic!("{} is not elastic", model.name()),
+        }
     }
 }
 
@@ -95,8 +109,22 @@ impl Rig {
         Depth { penetration: grid, margin_px: margin, touching, deepest_mm, over_thickness_px: 0 }
     }
 
+    /// The same, captured no higher than a simulator captures an object that is `deep` mm deep.
+    pub fn depth_in_window(&self, deep: f64, penetration: impl Fn(f64, f64) -> f64) -> Depth {
+        let above_mm = self.pad.capture_window(deep).above_mm;
+        self.depth(|x, y| penetration(x, y).max(-above_mm))
+    }
+
     pub fn press(&self, penetration: impl Fn(f64, f64) -> f64) -> Contact {
         self.pad.press(&self.depth(penetration))
+    }
+
+    /// The same as a stage of a simulator, which notes the effects that ran and why.
+    pub fn press_noted(&self, depth: &Depth, policy: EffectPolicy) -> (Contact, EffectLog) {
+        let mut effects = EffectLog::new(policy);
+        let pad = Pad::Elastic(Box::new(self.pad.clone()));
+        let contact = deform_pad(&pad, depth, None, None, false, &mut effects);
+        (contact, effects)
     }
 }
 

@@ -7,7 +7,8 @@
 //! `press` makes jobs whose numbers a test moves one at a time: `continuity` moves them by a millionth, `sweeps` through the
 //! places where the code changes its way of working. `symmetry` turns and mirrors samples; `pipeline` compares them with
 //! the reference pipeline in f64, and `stages` each stage with what follows from the one before; `properties` draws
-//! random jobs. `curved` holds the hard cases of gels that are not flat.
+//! random jobs. `curved` holds the hard cases of gels that are not flat, `finite_strain` those of
+//! pads at finite strain.
 //!
 //! What was found stands in docs/evidence/stability.md and docs/evidence/stability-cases.md. The figures are printed by
 //! `cargo test --release --test library stability -- --nocapture`.
@@ -17,6 +18,7 @@ mod contact;
 mod continuity;
 mod corners;
 mod curved;
+mod finite_strain;
 mod geometry;
 mod light;
 mod pipeline;

@@ -1,4 +1,4 @@
-//! Errors of a sample against the reference's, and their means over samples.
+//! Errors of a sample against a more exact one, and their means over samples.
 
 use serde::Serialize;
 
@@ -14,10 +14,10 @@ pub struct SampleErrors {
     /// Mean squared difference, grey levels squared.
     image_square: f64,
     image_ssim: f64,
-    /// Relative errors of contact area and force; None if the reference has none or the model does not compute it.
+    /// Relative errors of contact area and force; None if the exact sample has none or the model does not compute it.
     area: Option<f64>,
     force: Option<f64>,
-    /// Error that the reference's own theory is expected to have, um: the largest within 2 mm of the contact, and the
+    /// Error that the exact sample's own theory is expected to have, um: the largest within 2 mm of the contact, and the
     /// root mean square over the view. None if it is not known.
     model_um: Option<f64>,
     model_rms_um: Option<f64>,
@@ -26,7 +26,7 @@ pub struct SampleErrors {
 }
 
 impl SampleErrors {
-    /// Compares a sample with the reference's.
+    /// Compares a sample with one of a more exact level.
     pub fn new(sample: &Sample, exact: &Sample) -> Self {
         let (image, exact_image) = (&sample.impression.image, &exact.impression.image);
         let fraction = |own: f64, exact: f64| (exact > 0.0).then(|| (own - exact).abs() / exact);
@@ -62,13 +62,6 @@ pub struct MeanErrors {
     pub height_rms_um: f64,
     /// Largest height error, um.
     pub height_max_um: f64,
-    /// Error that the reference's own theory is expected to have, um: the largest within 2 mm of the contact, mean over
-    /// the samples for which it is known.
-    pub model_error_um: f64,
-    /// Root mean square of that error over the view, um.
-    pub model_rms_um: f64,
-    /// Both together over the view: root of the sum of the squares of `height_rms_um` and `model_rms_um`.
-    pub total_rms_um: f64,
     /// Angle between the normals in the contact and within 2 mm around it, degrees: mean.
     pub normal_mean_deg: f64,
     /// Angle between these normals, degrees: 95th percentile.
@@ -91,7 +84,7 @@ pub struct MeanErrors {
     pub area_error_percent: Option<f64>,
     /// Error of the normal force, per cent of it; None if the model knows no force.
     pub force_error_percent: Option<f64>,
-    /// Intersection over union of the contact mask and the reference's.
+    /// Intersection over union of the contact mask and the exact one.
     pub contact_iou_mean: Option<f64>,
     /// Smallest intersection over union of all samples.
     pub contact_iou_worst: Option<f64>,
@@ -100,24 +93,13 @@ pub struct MeanErrors {
 impl MeanErrors {
     /// Computes the means over some samples.
     pub fn from_errors<'a>(errors: impl Iterator<Item = &'a SampleErrors> + Clone) -> Self {
-        let some = |of: &dyn Fn(&SampleErrors) -> Option<f64>| {
-            let (mut sum, mut count) = (0.0, 0.0);
-            for value in errors.clone().filter_map(of) {
-                sum += value;
-                count += 1.0;
-            }
-            (count > 0.0).then(|| sum / count)
-        };
+        let some = |of: &dyn Fn(&SampleErrors) -> Option<f64>| mean(errors.clone().filter_map(of));
         let all = |of: &dyn Fn(&SampleErrors) -> f64| some(&|error| Some(of(error))).unwrap_or(0.0);
         let known = |of: &dyn Fn(&SampleErrors) -> Option<f64>| some(of).unwrap_or(0.0);
         let square = all(&|error| error.image_square);
         let height_square = all(&|error| error.surface.height_rms_um * error.surface.height_rms_um);
-        let model_square = known(&|error| Some(error.model_rms_um? * error.model_rms_um?));
         Self {
             height_rms_um: height_square.sqrt(),
-            model_error_um: known(&|error| error.model_um),
-            model_rms_um: model_square.sqrt(),
-            total_rms_um: (height_square + model_square).sqrt(),
             height_max_um: errors.clone().map(|error| error.surface.height_max_um).fold(0.0, f64::max),
             normal_mean_deg: known(&|error| Some(error.surface.near?.mean_deg)),
             normal_p95_deg: known(&|error| Some(error.surface.near?.p95_deg)),
@@ -134,4 +116,16 @@ impl MeanErrors {
             contact_iou_worst: errors.clone().filter_map(|error| error.contact_iou).reduce(f64::min),
         }
     }
+}
+
+/// Error that labels expect of the exact samples' own theory, um: the largest within 2 mm of the contact, mean over the
+/// samples for which it is known, and the root mean square over the view.
+pub fn expected_model_um<'a>(errors: impl Iterator<Item = &'a SampleErrors> + Clone) -> [f64; 2] {
+    let squares = errors.clone().filter_map(|error| error.model_rms_um).map(|um| um * um);
+    [mean(errors.filter_map(|error| error.model_um)).unwrap_or(0.0), mean(squares).unwrap_or(0.0).sqrt()]
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    (count > 0.0).then(|| sum / count)
 }

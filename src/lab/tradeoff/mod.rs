@@ -1,7 +1,9 @@
 //! What accuracy costs in time: compares the fidelity levels on a job's own samples.
 //!
-//! Every fidelity level renders the same samples. Its surfaces, images, areas and forces are compared with those of the
-//! reference level, and its CPU time is measured on one thread. Further studies show how far the reference itself can
+//! Every fidelity level renders the same samples, and its CPU time is measured on one thread. Its surfaces, images, areas
+//! and forces are compared twice: with those of the reference level, whose difference from a linear level is numerical
+//! error, and with those of finite strain, which is the total error. Where finite strain is not solved for, the total
+//! error is the numerical one and the theory's that labels expect. Further studies show how far the reference itself can
 //! be trusted (a grid twice as fine, solver tolerances), and what other models and leaving out an effect would change.
 
 use std::sync::Arc;
@@ -20,9 +22,10 @@ use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_core::effects::{Effect, EffectPolicy};
 use gelsim_core::fidelity::{Fidelity, Models};
 use gelsim_core::gelpad::elastic::Elastic;
+use gelsim_core::gelpad::finite_strain::WITHIN_TOLERANCE;
 use gelsim_core::gelpad::gaussian::Gaussian;
 use gelsim_core::gelpad::no_deformation::NoDeformation;
-use gelsim_core::gelpad::{Contact, Model, Pad};
+use gelsim_core::gelpad::{Contact, Model, Pad, Theory};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
@@ -35,10 +38,24 @@ pub mod report;
 pub mod sequences;
 pub mod strata;
 
-use errors::{MeanErrors, SampleErrors};
+use errors::{MeanErrors, SampleErrors, expected_model_um};
 
 /// Number of samples for the studies besides the fidelity levels.
 const STUDY_SAMPLES: u64 = 8;
+
+/// Time of a sample, s, from which on it is rendered only once.
+const SLOW_S: f64 = 0.1;
+
+/// Share of the pad's thickness by which the edges of an object may be rounded in a truth. With more, finite strain
+/// misses most of the error beside walls (docs/evidence/gelpad.md).
+const MAX_ROUNDING: f64 = 0.1;
+
+/// Name of the level `standard` with the correction for large strains.
+pub const CORRECTED: &str = "standard + strain";
+
+/// Distances of the surfaces of finite strain from finite elements within 2 mm of the contact, um, root mean square
+/// (docs/evidence/gelpad.md): under balls 0.3 to 0.5 of the thickness deep, beside walls 0.2 to 0.3 deep.
+pub const TRUTH_ERRORS_UM: [(&str, [f64; 2]); 2] = [("balls", [0.6, 1.5]), ("walls", [2.0, 25.0])];
 
 /// All measurements.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -47,6 +64,10 @@ pub struct Tradeoff {
     pub job: String,
     /// Numbers of the samples that were rendered.
     pub samples: Vec<u64>,
+    /// True if total errors are measured against finite strain, false if the theory's part is what labels expect.
+    pub measured: bool,
+    /// Samples of which finite strain knows no more than linear theory. Total errors are those of the others.
+    pub without_truth: Vec<WithoutTruth>,
     /// The fidelity levels, from cheap to exact.
     #[serde(rename = "rungs")]
     pub levels: Vec<LevelRow>,
@@ -62,23 +83,52 @@ pub struct Tradeoff {
     pub left_out: Vec<EffectAblation>,
 }
 
-/// A choice of models, its errors against the reference level, and its cost.
+/// A sample that has no measured total error.
+#[derive(Clone, Debug, Serialize)]
+pub struct WithoutTruth {
+    /// Number of the sample.
+    pub sample: u64,
+    /// Why finite strain was not solved for.
+    pub reason: String,
+}
+
+/// A choice of models, its errors, and its cost.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct LevelRow {
     /// Name of the fidelity level, or what was changed.
     #[serde(rename = "rung")]
     pub level: String,
-    /// Errors over all samples.
+    /// Errors against the reference level over all samples.
     #[serde(flatten)]
     pub errors: MeanErrors,
+    /// Error that the reference's own theory is expected to have, um: the largest within 2 mm of the contact, mean over
+    /// the samples for which it is known.
+    pub model_error_um: f64,
+    /// Root mean square of that error over the view, um.
+    pub model_rms_um: f64,
+    /// Total height error over the view, um, root mean square: as measured, or the root of the sum of the squares of
+    /// `height_rms_um` and `model_rms_um`. None in studies, and if no sample has a measured one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub total_rms_um: Option<f64>,
+    /// Errors against finite strain, over the samples in which it was solved for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub total: Option<MeanErrors>,
     /// CPU time of a sample without writing files, ms, median.
     pub cpu_ms_median: f64,
     /// CPU time of a sample, ms, 95th percentile.
     pub cpu_ms_p95: f64,
     /// Medians per stage, s; no files are encoded.
     pub seconds: Seconds,
-    /// True if no other row is both quicker and closer to the reference's surface.
+    /// True if no other row is both quicker and closer: in its measured total error, or to the reference's surface.
     pub pareto: bool,
+}
+
+impl LevelRow {
+    /// Returns the height error by which levels are chosen, um: the measured total error, else that against the
+    /// reference.
+    pub fn deciding_um(&self, measured: bool) -> f64 {
+        if measured { self.total_rms_um.unwrap_or(f64::NAN) } else { self.errors.height_rms_um }
+    }
 }
 
 /// The fidelity levels for one object.
@@ -126,15 +176,33 @@ pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tra
         strata::choose_stratified(&drawn, count as usize).iter().map(|at| drawn[*at].index).collect()
     };
     let samples = chosen(count);
-    progress("reference");
-    let reference = LevelMeasurement::new(&plan.with_fidelity(Fidelity::Reference), &samples);
-    let mut compared = Vec::new();
-    for level in Fidelity::ALL.into_iter().filter(|level| plan.allows_level(*level)) {
-        progress(level.name());
-        compared.push(match level {
-            Fidelity::Reference => reference.compare_with(level.name(), &reference),
-            _ => LevelMeasurement::new(&plan.with_fidelity(level), &samples).compare_with(level.name(), &reference),
-        });
+    let measure = |name: &str, plan: &Plan| {
+        progress(name);
+        LevelMeasurement::new(plan, &samples)
+    };
+    let measure_level = |level: Fidelity| measure(level.name(), &plan.with_fidelity(level));
+    let reference = measure_level(Fidelity::Reference);
+    let strained = plan.allows_level(Fidelity::FiniteStrain).then(|| measure_level(Fidelity::FiniteStrain));
+    let missing = strained.iter().flat_map(|truth| samples.iter().zip(&truth.samples));
+    let missing = missing.filter_map(|(sample, truth)| Some((*sample, reason_without_truth(truth)?)));
+    let without_truth: Vec<_> =
+        missing.map(|(sample, reason)| WithoutTruth { sample, reason: reason.to_owned() }).collect();
+    let total = match &strained {
+        Some(truth) if without_truth.len() < samples.len() => Total::Measured(truth),
+        _ => Total::Expected,
+    };
+    let compare = |name: &str, own: &LevelMeasurement| own.compare_with(name, &reference, total);
+    let linear = Fidelity::ALL.into_iter().filter(|level| *level != Fidelity::FiniteStrain);
+    let mut compared: Vec<LevelComparison> = linear
+        .map(|level| match level {
+            Fidelity::Reference => compare(level.name(), &reference),
+            _ => compare(level.name(), &measure_level(level)),
+        })
+        .collect();
+    if let Some(truth) = &strained {
+        let corrected = measure(CORRECTED, &correct_strain(&plan.with_fidelity(Fidelity::Standard)));
+        compared.push(compare(CORRECTED, &corrected));
+        compared.push(compare(Fidelity::FiniteStrain.name(), truth));
     }
     let everything: Vec<usize> = (0..samples.len()).collect();
     let levels = build_rows(&compared, &everything);
@@ -156,7 +224,7 @@ pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tra
             .map(|(name, gelpad)| {
                 progress(&name);
                 let models = Models { gelpad, optics: exact.simulator.models().optics.clone() };
-                LevelMeasurement::new(&exact.with_models(models), &few).compare_with(&name, &exact_few)
+                LevelMeasurement::new(&exact.with_models(models), &few).compare_with(&name, &exact_few, Total::Unasked)
             })
             .collect();
         build_rows(&measured, &(0..few.len()).collect::<Vec<_>>())
@@ -181,7 +249,51 @@ pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tra
     ]);
     progress("effects left out");
     let left_out = ablate_effects(&exact, &exact_few, &few);
-    Tradeoff { job: plan.name().to_owned(), samples, levels, objects, grids, tolerances, models, left_out }
+    Tradeoff {
+        job: plan.name().to_owned(),
+        measured: matches!(total, Total::Measured(_)),
+        samples,
+        without_truth,
+        levels,
+        objects,
+        grids,
+        tolerances,
+        models,
+        left_out,
+    }
+}
+
+/// Returns a plan with the correction for large strains, if its gelpad model has one.
+fn correct_strain(plan: &Plan) -> Plan {
+    let mut models = plan.simulator.models().clone();
+    if let Model::Elastic(elastic) = &mut models.gelpad {
+        elastic.strain_correction = true;
+    }
+    plan.with_models(models)
+}
+
+/// Returns why a sample of the level finite-strain is no truth; `None` if it is one. Where linear theory is within the
+/// tolerance, it is.
+fn reason_without_truth(sample: &Sample) -> Option<&str> {
+    let (label, strain) = (&sample.label, &sample.label.effects[Effect::FiniteStrain]);
+    if label.numerics.opened_mm > MAX_ROUNDING * sample.simulator.sensor().gelpad.thickness_mm {
+        return Some("the object's edges had to be rounded too much for rubber at finite strain");
+    }
+    let known = label.numerics.theory == Theory::FiniteStrain
+        || !label.effects[Effect::Deformation].ran
+        || strain.reason == WITHIN_TOLERANCE;
+    (!known).then_some(&*strain.reason)
+}
+
+/// What the total error of a choice of models is.
+#[derive(Clone, Copy)]
+enum Total<'a> {
+    /// The distance from finite strain, of samples in which that was solved for.
+    Measured(&'a LevelMeasurement),
+    /// The distance from the reference, and the error that labels expect of its theory.
+    Expected,
+    /// Nothing: only the distance from the reference counts.
+    Unasked,
 }
 
 /// Samples that a plan renders, and their times.
@@ -197,8 +309,9 @@ impl LevelMeasurement {
             let mut sample = render(plan, *index);
             // Large, and not needed for any comparison.
             (sample.impression.depth.penetration, sample.impression.contact.pressure) = (Grid::default(), None);
-            // The quicker of two runs: caches may be cold in the first one.
-            let again = render(plan, *index).seconds;
+            // The quicker of two runs: caches may be cold in the first one, which matters little to a slow one.
+            let slow = sample.seconds.simulation() > SLOW_S;
+            let again = if slow { sample.seconds } else { render(plan, *index).seconds };
             // A sample's own sensor is not needed either: share the plan's simulator instead.
             sample.simulator = Arc::clone(&plan.simulator);
             let first = sample.seconds;
@@ -208,17 +321,32 @@ impl LevelMeasurement {
         Self { samples, seconds }
     }
 
-    fn compare_with(&self, name: &str, reference: &Self) -> LevelComparison {
+    fn compare_with(&self, name: &str, reference: &Self, total: Total<'_>) -> LevelComparison {
         let pairs = self.samples.iter().zip(&reference.samples);
-        let errors = pairs.map(|(sample, exact)| SampleErrors::new(sample, exact)).collect();
-        LevelComparison { name: name.to_owned(), errors, seconds: self.seconds.clone() }
+        let errors: Vec<SampleErrors> = pairs.map(|(sample, exact)| SampleErrors::new(sample, exact)).collect();
+        let measured = match total {
+            Total::Measured(truth) => self
+                .samples
+                .iter()
+                .zip(&truth.samples)
+                .map(|(sample, truth)| reason_without_truth(truth).is_none().then(|| SampleErrors::new(sample, truth)))
+                .collect(),
+            Total::Expected | Total::Unasked => vec![None; errors.len()],
+        };
+        let (name, expected) = (name.to_owned(), matches!(total, Total::Expected));
+        LevelComparison { name, errors, measured, expected, seconds: self.seconds.clone() }
     }
 }
 
-/// Errors of a choice of models against the reference, sample by sample.
+/// Errors of a choice of models, sample by sample.
 struct LevelComparison {
     name: String,
+    /// Against the reference.
     errors: Vec<SampleErrors>,
+    /// Against finite strain.
+    measured: Vec<Option<SampleErrors>>,
+    /// Whether the total error includes what labels expect of the theory.
+    expected: bool,
     seconds: Vec<Seconds>,
 }
 
@@ -229,9 +357,18 @@ fn build_rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<LevelRow> {
         let ms = |of: &dyn Fn(&Seconds) -> f64| seconds.iter().map(|all| 1e3 * of(all)).collect::<Vec<f64>>();
         let middle = |of: &dyn Fn(&Seconds) -> f64| median(&ms(of)).unwrap_or(0.0) * 1e-3;
         let simulation_ms = ms(&Seconds::simulation);
+        let errors = MeanErrors::from_errors(chosen.iter().map(|k| &compared.errors[*k]));
+        let [model_error_um, model_rms_um] = expected_model_um(chosen.iter().map(|k| &compared.errors[*k]));
+        let measured = chosen.iter().filter_map(|k| compared.measured[*k].as_ref());
+        let total = measured.clone().next().is_some().then(|| MeanErrors::from_errors(measured));
+        let expected_um = compared.expected.then(|| errors.height_rms_um.hypot(model_rms_um));
         LevelRow {
             level: compared.name.clone(),
-            errors: MeanErrors::from_errors(chosen.iter().map(|k| &compared.errors[*k])),
+            errors,
+            model_error_um,
+            model_rms_um,
+            total_rms_um: total.as_ref().map(|total| total.height_rms_um).or(expected_um),
+            total,
             cpu_ms_median: median(&simulation_ms).unwrap_or(0.0),
             cpu_ms_p95: quantile(&simulation_ms, 0.95).unwrap_or(0.0),
             seconds: Seconds {
@@ -247,7 +384,8 @@ fn build_rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<LevelRow> {
         }
     };
     let mut rows: Vec<LevelRow> = all.iter().map(row).collect();
-    let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.cpu_ms_median, row.errors.height_rms_um)).collect();
+    let measured = rows.iter().any(|row| row.total.is_some());
+    let points: Vec<(f64, f64)> = rows.iter().map(|row| (row.cpu_ms_median, row.deciding_um(measured))).collect();
     for (row, pareto) in rows.iter_mut().zip(pareto_front(&points)) {
         row.pareto = pareto;
     }

@@ -1,7 +1,9 @@
 //! The comparison of fidelity levels as a table and as CSV.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use super::errors::MeanErrors;
 use super::{GridRow, LevelRow, Tradeoff};
 use crate::text_table::TextTable;
 use gelsim_core::fidelity::Fidelity;
@@ -11,13 +13,18 @@ fn csv_columns(row: &LevelRow) -> Vec<(&'static str, String)> {
     let number = |value: f64| format!("{value:?}");
     let maybe = |value: Option<f64>| value.map_or(String::new(), number);
     let errors = &row.errors;
+    let total = |of: fn(&MeanErrors) -> f64| maybe(row.total.as_ref().map(of));
     vec![
         ("rung", row.level.clone()),
+        ("total_rms_um", maybe(row.total_rms_um)),
+        ("total_height_max_um", total(|total| total.height_max_um)),
+        ("total_ring_normal_mean_deg", total(|total| total.ring_normal_mean_deg)),
+        ("total_image_mae", total(|total| total.image_mae)),
+        ("total_force_error_percent", maybe(row.total.as_ref().and_then(|total| total.force_error_percent))),
         ("height_rms_um", number(errors.height_rms_um)),
         ("height_max_um", number(errors.height_max_um)),
-        ("model_error_um", number(errors.model_error_um)),
-        ("model_rms_um", number(errors.model_rms_um)),
-        ("total_rms_um", number(errors.total_rms_um)),
+        ("model_error_um", number(row.model_error_um)),
+        ("model_rms_um", number(row.model_rms_um)),
         ("normal_mean_deg", number(errors.normal_mean_deg)),
         ("normal_p95_deg", number(errors.normal_p95_deg)),
         ("contact_normal_mean_deg", number(errors.contact_normal_mean_deg)),
@@ -58,12 +65,17 @@ pub fn to_csv(tradeoff: &Tradeoff) -> String {
 
 /// Formats the fidelity levels and the studies for a terminal of `columns`.
 pub fn to_text_table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
+    let against = match tradeoff.measured {
+        true => "total errors against finite strain, the others against the reference level",
+        false => "errors against the reference level, and the model's as labels expect it",
+    };
     let mut text = format!(
-        "{}: {} samples; errors against the reference level, CPU time on one thread, files not counted\n\n",
+        "{}: {} samples; {against}; CPU time on one thread, files not counted\n\n",
         tradeoff.job,
         tradeoff.samples.len()
     );
     text += &format_rows("fidelity level", &tradeoff.levels, columns);
+    text += &format_without_truth(tradeoff);
     let reference = tradeoff.levels.iter().find(|row| row.level == Fidelity::Reference.name());
     for grid in &tradeoff.grids {
         let what = if grid.per_px == 1.0 { "the reference itself" } else { "a grid half as fine" };
@@ -93,43 +105,73 @@ pub fn to_text_table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
     text + &left_out.render(columns)
 }
 
+/// Formats how many samples have no measured total error, and why; nothing if all have.
+fn format_without_truth(tradeoff: &Tradeoff) -> String {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for without in &tradeoff.without_truth {
+        *counts.entry(&without.reason).or_default() += 1;
+    }
+    if counts.is_empty() {
+        return String::new();
+    }
+    let reasons: Vec<String> = counts.iter().map(|(reason, count)| format!("{reason} ({count})")).collect();
+    let (without, all) = (tradeoff.without_truth.len(), tradeoff.samples.len());
+    format!("{without} of {all} samples have no truth: {}\n\n", reasons.join("; "))
+}
+
+/// A column of a table: two lines of its head, and what it says of a row.
+type Column = (&'static str, &'static str, fn(&LevelRow) -> String);
+
+/// Total errors as measured.
+const MEASURED: [Column; 3] = [
+    ("total", "RMS um", |row| optional(row.total_rms_um)),
+    ("total", "max um", |row| optional(row.total.map(|total| total.height_max_um))),
+    ("total", "image", |row| optional(row.total.map(|total| total.image_mae))),
+];
+/// The theory's part of the total error as labels expect it, and both.
+const EXPECTED: [Column; 2] = [
+    ("model", "RMS um", |row| format!("{:.2}", row.model_rms_um)),
+    ("total", "RMS um", |row| optional(row.total_rms_um)),
+];
+const AGAINST_REFERENCE: [Column; 15] = [
+    ("height", "RMS um", |row| format!("{:.3}", row.errors.height_rms_um)),
+    ("height", "max um", |row| format!("{:.2}", row.errors.height_max_um)),
+    ("contact", "deg", |row| format!("{:.3}", row.errors.contact_normal_mean_deg)),
+    ("ring", "deg", |row| format!("{:.3}", row.errors.ring_normal_mean_deg)),
+    ("ring", "p95 deg", |row| format!("{:.3}", row.errors.ring_normal_p95_deg)),
+    ("image", "MAE", |row| format!("{:.3}", row.errors.image_mae)),
+    ("image", "PSNR dB", |row| optional(row.errors.image_psnr_db)),
+    ("image", "SSIM", |row| format!("{:.4}", row.errors.image_ssim)),
+    ("area", "%", |row| optional(row.errors.area_error_percent)),
+    ("force", "%", |row| optional(row.errors.force_error_percent)),
+    ("mask", "IoU", |row| optional_share(row.errors.contact_iou_mean)),
+    ("mask", "worst", |row| optional_share(row.errors.contact_iou_worst)),
+    ("CPU ms", "median", |row| format!("{:.2}", row.cpu_ms_median)),
+    ("CPU ms", "p95", |row| format!("{:.2}", row.cpu_ms_p95)),
+    ("best", "", |row| String::from(if row.pareto { "*" } else { "" })),
+];
+
+fn optional(value: Option<f64>) -> String {
+    value.map_or(String::from("-"), |value| format!("{value:.2}"))
+}
+
+fn optional_share(value: Option<f64>) -> String {
+    value.map_or(String::from("-"), |value| format!("{value:.4}"))
+}
+
 /// Formats a table of choices of models.
 fn format_rows(name: &str, rows: &[LevelRow], columns: Option<usize>) -> String {
-    let mut table = TextTable::new(&[
-        [
-            name, "height", "height", "model", "total", "contact", "ring", "ring", "image", "image", "image", "area",
-            "force", "mask", "mask", "CPU ms", "CPU ms", "best",
-        ],
-        [
-            "", "RMS um", "max um", "RMS um", "RMS um", "deg", "deg", "p95 deg", "MAE", "PSNR dB", "SSIM", "%", "%",
-            "IoU", "worst", "median", "p95", "",
-        ],
-    ]);
+    let totals: &[Column] = match rows {
+        _ if rows.iter().any(|row| row.total.is_some()) => &MEASURED,
+        _ if rows.iter().any(|row| row.total_rms_um.is_some()) => &EXPECTED,
+        _ => &[],
+    };
+    let shown = || totals.iter().chain(&AGAINST_REFERENCE);
+    let upper: Vec<&str> = std::iter::once(name).chain(shown().map(|(upper, ..)| *upper)).collect();
+    let lower: Vec<&str> = std::iter::once("").chain(shown().map(|(_, lower, _)| *lower)).collect();
+    let mut table = TextTable::new(&[upper, lower]);
     for row in rows {
-        let errors = &row.errors;
-        let maybe = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.2}"));
-        let share = |value: Option<f64>| value.map_or(String::from("-"), |value| format!("{value:.4}"));
-        let [two, three] = [2, 3].map(|digits| move |value: f64| format!("{value:.digits$}"));
-        table.add_row([
-            row.level.clone(),
-            three(errors.height_rms_um),
-            two(errors.height_max_um),
-            two(errors.model_rms_um),
-            two(errors.total_rms_um),
-            three(errors.contact_normal_mean_deg),
-            three(errors.ring_normal_mean_deg),
-            three(errors.ring_normal_p95_deg),
-            three(errors.image_mae),
-            maybe(errors.image_psnr_db),
-            format!("{:.4}", errors.image_ssim),
-            maybe(errors.area_error_percent),
-            maybe(errors.force_error_percent),
-            share(errors.contact_iou_mean),
-            share(errors.contact_iou_worst),
-            two(row.cpu_ms_median),
-            two(row.cpu_ms_p95),
-            String::from(if row.pareto { "*" } else { "" }),
-        ]);
+        table.add_row(std::iter::once(row.level.clone()).chain(shown().map(|(.., cell)| cell(row))));
     }
     table.render(columns) + "\n"
 }

@@ -25,6 +25,7 @@ mod spectrum;
 #[cfg(test)]
 mod tests;
 
+pub use correction::WITHIN_TOLERANCE;
 pub use settings::{FiniteStrain, StrainSettings};
 
 /// What rubber at finite strain adds to a linear layer under the same pressure.

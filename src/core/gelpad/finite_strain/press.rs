@@ -46,6 +46,8 @@ pub struct PressOptions {
     pub max_iterations: u32,
     /// Steps without progress after which a load step has failed.
     pub patience: u32,
+    /// True beside edges at which nodes may hop to and fro: damping sets in for long then.
+    pub hops: bool,
     /// Largest load step, mm, of presses deeper than `one_step_mm`. Where a step fails, halves of it are tried.
     pub load_step_mm: f64,
     pub one_step_mm: f64,
@@ -274,7 +276,7 @@ impl RubberSolver {
                     now.iter_mut().zip(then).for_each(|(now, then)| *now = then + share * (*now - then));
                 }
             }
-            if waited > 0 && (waited == FREE_WAIT || waited % LONG_WAIT == 0) {
+            if options.hops && waited > 0 && (waited == FREE_WAIT || waited % LONG_WAIT == 0) {
                 // What was learned with another share misleads.
                 acceleration.forget();
             }

@@ -1,10 +1,12 @@
 //! The plot for choosing a fidelity level: error against time, both logarithmic, as SVG and PNG.
 //!
 //! A thin line for each object, and a thick one for all samples together, whose points carry the levels' names and
-//! numbers. A horizontal line shows the error of the theory itself, a dashed curve that and the level's error together:
-//! below the line a slower level gains no real accuracy. The more objects there are, the fainter they are, so that the
-//! thick line stands out; marks at the right edge show the theory's error for each. The reference stands at the lower
-//! edge, because a logarithmic axis has no place for error 0. Colours are those of Okabe and Ito, with a grey and Tol's
+//! numbers. Where finite strain was solved for, these are total errors, and finite strain stands at the lower edge,
+//! because a logarithmic axis has no place for error 0; bars show its own distance from finite elements. A horizontal
+//! line shows where linear theory stops, a dashed curve its numerical error. Else errors are numerical, and the reference
+//! stands at the lower edge; the horizontal line is the error that labels expect of the theory, with marks at the right
+//! edge for each object, and the dashed curve the sum. The more objects there are, the fainter they are, so that the
+//! thick line stands out. Colours are those of Okabe and Ito, with a grey and Tol's
 //! wine instead of their yellow, which is faint on white, and their black. Objects also differ in their marks, for
 //! readers and printers without colours.
 
@@ -14,7 +16,7 @@ mod placement;
 use axis::{Axis, has_place};
 use placement::{Area, Obstacles};
 
-use super::{LevelRow, ObjectRows, Tradeoff};
+use super::{LevelRow, ObjectRows, TRUTH_ERRORS_UM, Tradeoff};
 use crate::page::canvas::{Canvas, Colour, Point, Shape, TextAlign, TextStyle, fit_text, text_width};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_files::number_format::format_number;
@@ -73,9 +75,10 @@ pub fn draw_tradeoff(tradeoff: &Tradeoff) -> Canvas {
     drawing.draw_axes();
     let model = drawing.draw_model_error();
     let own = drawing.draw_object_model_errors();
+    drawing.draw_truth_errors();
     drawing.draw_objects();
     let mut labels = drawing.draw_levels();
-    labels.extend(drawing.draw_reference());
+    labels.extend(drawing.draw_exact_level());
     labels.extend(drawing.draw_grid_error());
     labels.extend(model);
     labels.extend(own);
@@ -87,10 +90,11 @@ pub fn draw_tradeoff(tradeoff: &Tradeoff) -> Canvas {
 
 struct Drawing<'a> {
     tradeoff: &'a Tradeoff,
-    /// CPU time of the reference, ms, and its error against a grid twice as fine, um; none if they cannot be shown.
-    reference_ms: Option<f64>,
+    /// CPU time of the level that the others are measured against, ms; none if it cannot be shown.
+    exact_ms: Option<f64>,
+    /// Error of the reference against a grid twice as fine, um; none if it cannot be shown, or theory decides.
     grid_error_um: Option<f64>,
-    /// Error of the reference's theory over all samples, um; none if it cannot be shown.
+    /// Error of linear theory over all samples, um; none if it cannot be shown.
     model_error_um: Option<f64>,
     canvas: Canvas,
     x: Axis,
@@ -106,27 +110,48 @@ struct PointLabel {
 
 impl<'a> Drawing<'a> {
     fn new(tradeoff: &'a Tradeoff) -> Self {
-        let reference = tradeoff.levels.iter().find(|row| row.level == Fidelity::Reference.name()).map(row_ms);
-        let grid = tradeoff.grids.iter().find(|row| row.per_px == 1.0).map(|row| row.height_rms_um);
-        let model = tradeoff.levels.first().map(|row| row.errors.model_rms_um);
-        let [reference_ms, grid_error_um, model_error_um] =
-            [reference, grid, model].map(|value| value.filter(|value| has_place(*value)));
+        let measured = tradeoff.measured;
+        let of_level = |level: Fidelity| tradeoff.levels.iter().find(|row| row.level == level.name());
+        let (exact, model) = match of_level(Fidelity::Reference) {
+            Some(reference) if measured => (of_level(Fidelity::FiniteStrain), reference.total_rms_um),
+            reference => (reference, tradeoff.levels.first().map(|row| row.model_rms_um)),
+        };
+        let grid = tradeoff.grids.iter().find(|row| row.per_px == 1.0 && !measured).map(|row| row.height_rms_um);
+        let [exact_ms, grid_error_um, model_error_um] =
+            [exact.map(row_ms), grid, model].map(|value| value.filter(|value| has_place(*value)));
         let rows = || tradeoff.objects.iter().flat_map(|object| &object.levels).chain(&tradeoff.levels);
         // Room at the lower edge for error 0, and at the right for the labels of the last levels.
+        let row_error_um = |row: &LevelRow| row.deciding_um(measured);
         let times = rows().filter(|row| has_place(row_error_um(row))).chain(&tradeoff.levels).map(row_ms);
         let right = 0.08 + DODGE_PX / (FRAME.max[0] - FRAME.min[0]) * tradeoff.objects.len().min(12) as f64 / 2.0;
         let x = Axis::from_values(times, 0.5, [0.06, right], [FRAME.min[0], FRAME.max[0]]);
-        // The vertical axis has room for the theory's error of every object, too.
-        let models = rows().map(|row| row.errors.model_rms_um);
-        let errors = rows().filter(|row| has_place(row_ms(row))).map(row_error_um).chain(grid_error_um).chain(models);
+        // The vertical axis has room for the theory's error of every object, too, or for the dashed curve.
+        let models = rows().map(|row| if measured { row_error_um(row) } else { row.model_rms_um });
+        let numerics = tradeoff.levels.iter().filter(|_| measured).map(|row| row.errors.height_rms_um);
+        let errors = rows().filter(|row| has_place(row_ms(row))).map(row_error_um);
+        let errors = errors.chain(grid_error_um).chain(models).chain(numerics);
         let y = Axis::from_values(errors, 1.0, [0.13, 0.06], [FRAME.max[1], FRAME.min[1]]);
         let (canvas, obstacles) = (Canvas::new(SIZE[0], SIZE[1]), Obstacles::new(FRAME));
-        Self { tradeoff, reference_ms, grid_error_um, model_error_um, canvas, x, y, obstacles }
+        Self { tradeoff, exact_ms, grid_error_um, model_error_um, canvas, x, y, obstacles }
+    }
+
+    fn row_error_um(&self, row: &LevelRow) -> f64 {
+        row.deciding_um(self.tradeoff.measured)
     }
 
     fn row_point(&self, row: &LevelRow) -> Option<Point> {
-        (has_place(row_ms(row)) && has_place(row_error_um(row)))
-            .then(|| [self.x.value_px(row_ms(row)), self.y.value_px(row_error_um(row))])
+        self.place_point(row_ms(row), self.row_error_um(row))
+    }
+
+    fn place_point(&self, ms: f64, um: f64) -> Option<Point> {
+        (has_place(ms) && has_place(um)).then(|| [self.x.value_px(ms), self.y.value_px(um)])
+    }
+
+    fn format_numbers(&self, row: &LevelRow) -> String {
+        match self.row_error_um(row) {
+            0.0 => format!("{} ms, error 0", format_number(row_ms(row))),
+            error => format!("{} ms, {} \u{b5}m", format_number(row_ms(row)), format_number(error)),
+        }
     }
 
     fn draw_axes(&mut self) {
@@ -166,7 +191,7 @@ impl<'a> Drawing<'a> {
             self.obstacles.add_line(&points, weight);
             for level in &object.levels {
                 let Some(point) = self.row_point(level) else { continue };
-                let hint = format!("{}, {}: {}", object.object, level.level, format_numbers(level));
+                let hint = format!("{}, {}: {}", object.object, level.level, self.format_numbers(level));
                 let (colour, radius) = (fade_colour(colour, mark_share(many)), mark_px(many));
                 self.canvas.draw_with_hint(&hint, |canvas| canvas.draw_mark(shape, point, radius, colour, colour));
                 self.obstacles.add_area(Area::centred_at(point, [2.5 * radius; 2]), weight);
@@ -178,7 +203,7 @@ impl<'a> Drawing<'a> {
     fn draw_levels(&mut self) -> Vec<PointLabel> {
         let bottom = FRAME.max[1];
         let points: Vec<Point> = self.tradeoff.levels.iter().filter_map(|level| self.row_point(level)).collect();
-        if let (Some(last), Some(ms)) = (points.last(), self.reference_ms) {
+        if let (Some(last), Some(ms)) = (points.last(), self.exact_ms) {
             let way = [*last, [self.x.value_px(ms), bottom]];
             self.canvas.draw_line(&way, BLACK, 1.5, Some(4));
             self.obstacles.add_line(&way, 2.0);
@@ -189,13 +214,13 @@ impl<'a> Drawing<'a> {
 
         let mut labels = Vec::new();
         for level in &self.tradeoff.levels {
-            let exact = row_error_um(level) == 0.0;
-            if !has_place(row_ms(level)) || exact && Some(row_ms(level)) == self.reference_ms {
+            let exact = self.row_error_um(level) == 0.0;
+            if !has_place(row_ms(level)) || exact && Some(row_ms(level)) == self.exact_ms {
                 continue;
             }
             let (point, shape, text) = match self.row_point(level) {
-                Some(point) => (point, Shape::Circle, format_numbers(level)),
-                None if exact => ([self.x.value_px(row_ms(level)), bottom], Shape::Down, format_numbers(level)),
+                Some(point) => (point, Shape::Circle, self.format_numbers(level)),
+                None if exact => ([self.x.value_px(row_ms(level)), bottom], Shape::Down, self.format_numbers(level)),
                 None => continue,
             };
             let fill = if level.pareto { BLACK } else { WHITE };
@@ -207,17 +232,23 @@ impl<'a> Drawing<'a> {
         labels
     }
 
-    /// Draws the reference at the lower edge. Returns its label.
-    fn draw_reference(&mut self) -> Option<PointLabel> {
-        let ms = self.reference_ms?;
+    /// Draws the level that the others are measured against at the lower edge. Returns its label.
+    fn draw_exact_level(&mut self) -> Option<PointLabel> {
+        let ms = self.exact_ms?;
         let [x, bottom] = [self.x.value_px(ms), FRAME.max[1]];
         let line = [[x, FRAME.min[1]], [x, bottom]];
         self.canvas.draw_line(&line, GREY, 1.2, Some(6));
         self.obstacles.add_line(&line, 2.0);
         self.canvas.draw_mark(Shape::Down, [x, bottom], LEVEL_MARK_PX, BLACK, BLACK);
         self.obstacles.add_area(Area::centred_at([x, bottom], [2.4 * LEVEL_MARK_PX; 2]), 20.0);
+        let level = if self.tradeoff.measured { Fidelity::FiniteStrain } else { Fidelity::Reference };
         let mut lines =
-            vec![("reference".to_owned(), BOLD), (format!("{} ms, error 0 by definition", format_number(ms)), NOTE)];
+            vec![(level.name().to_owned(), BOLD), (format!("{} ms, error 0 by definition", format_number(ms)), NOTE)];
+        if self.tradeoff.measured {
+            let own = TRUTH_ERRORS_UM.map(|(what, [least, most])| format!("{what} {least} to {most} \u{b5}m"));
+            lines.push((String::from("bars: against finite elements,"), MODEL_ERROR));
+            lines.push((own.join(", "), MODEL_ERROR));
+        }
         if let Some(error) = self.grid_error_um {
             lines.push((format!("against a grid twice as fine: {} \u{b5}m", format_number(error)), NOTE));
         }
@@ -238,35 +269,57 @@ impl<'a> Drawing<'a> {
         Some(PointLabel { point: line[0], lines })
     }
 
-    /// Draws the error of the theory over all samples, and the curve of that and the levels' errors together. Returns
-    /// the label.
+    /// Draws the distance of finite strain from finite elements over its time.
+    fn draw_truth_errors(&mut self) {
+        let Some(ms) = self.exact_ms.filter(|_| self.tradeoff.measured) else { return };
+        let [x, [top, bottom]] = [[self.x.value_px(ms); 2], [FRAME.min[1], FRAME.max[1]]];
+        for (what, [least, most]) in TRUTH_ERRORS_UM {
+            let ends = [least, most].map(|um| [x[0], self.y.value_px(um).clamp(top, bottom)]);
+            let hint = format!("{what}: finite strain is {least} to {most} \u{b5}m from finite elements");
+            self.canvas.draw_with_hint(&hint, |canvas| canvas.draw_line(&ends, MODEL_ERROR.colour, 7.0, None));
+            self.obstacles.add_line(&ends, 6.0);
+        }
+    }
+
+    /// Draws the error of linear theory over all samples, and the dashed curve of the levels' other error: if the total
+    /// one is measured, the numerical one, else the total one. Returns the label.
     fn draw_model_error(&mut self) -> Option<PointLabel> {
         let error = self.model_error_um?;
         let (y, colour) = (self.y.value_px(error), MODEL_ERROR.colour);
         let [left, right] = [FRAME.min[0], FRAME.max[0]];
-        self.canvas.draw_rectangle([left, y], FRAME.max, colour, 0.07);
+        let measured = self.tradeoff.measured;
+        if !measured {
+            self.canvas.draw_rectangle([left, y], FRAME.max, colour, 0.07);
+        }
         self.canvas.draw_line(&[[left, y], [right, y]], colour, 2.0, None);
         self.obstacles.add_line(&[[left, y], [right, y]], 1.0);
-        let total = |row: &LevelRow| row.errors.total_rms_um;
-        let shown = self.tradeoff.levels.iter().filter(|row| has_place(row_ms(row)) && has_place(total(row)));
-        let both: Vec<Point> = shown.map(|row| [self.x.value_px(row_ms(row)), self.y.value_px(total(row))]).collect();
-        self.canvas.draw_line(&both, colour, 2.0, Some(3));
-        self.obstacles.add_line(&both, 2.0);
+        let linear = self.tradeoff.levels.iter().take_while(|row| !measured || row.level != Fidelity::Reference.name());
+        let other = |row: &LevelRow| {
+            let um = if measured { Some(row.errors.height_rms_um) } else { row.total_rms_um };
+            self.place_point(row_ms(row), um?)
+        };
+        let curve: Vec<Point> = linear.filter_map(other).collect();
+        self.canvas.draw_line(&curve, colour, 2.0, Some(3));
+        self.obstacles.add_line(&curve, 2.0);
+        let (what, below) = match measured {
+            true => ("numerical error alone", "no level of linear theory comes below this line"),
+            false => ("both", "below this line a slower level gains no real accuracy"),
+        };
         let lines = vec![
-            (format!("error of the linear theory: {} \u{b5}m; dashed: both", format_number(error)), MODEL_ERROR),
-            ("below this line a slower level gains no real accuracy".to_owned(), MODEL_ERROR),
+            (format!("error of the linear theory: {} \u{b5}m; dashed: {what}", format_number(error)), MODEL_ERROR),
+            (below.to_owned(), MODEL_ERROR),
         ];
         Some(PointLabel { point: [left + 0.3 * (right - left), y], lines })
     }
 
     /// Draws a mark at the right edge for the theory's error of each object. Returns their label.
     fn draw_object_model_errors(&mut self) -> Option<PointLabel> {
-        // With a single object the line over all samples shows the same.
-        if self.tradeoff.objects.len() < 2 {
+        // Lines of measured errors lead to it, and with a single object the line over all samples shows the same.
+        if self.tradeoff.measured || self.tradeoff.objects.len() < 2 {
             return None;
         }
         let own = self.tradeoff.objects.iter().enumerate().filter_map(|(i, object)| {
-            let error = object.levels.first().map(|row| row.errors.model_rms_um).filter(|error| has_place(*error))?;
+            let error = object.levels.first().map(|row| row.model_rms_um).filter(|error| has_place(*error))?;
             Some((i, object.object.as_str(), error, self.y.value_px(error)))
         });
         let mut own: Vec<_> = own.collect();
@@ -361,8 +414,10 @@ impl<'a> Drawing<'a> {
         );
         self.canvas.draw_text([NAME_PX, top - 16.0], ERROR_NAME, AXIS, TextAlign::Left);
         self.canvas.draw_text([NAME_PX, bottom + 82.0], CAPTION, AXIS, TextAlign::Left);
-        let is_lost =
-            |row: &&LevelRow| !has_place(row_ms(row)) || !has_place(row_error_um(row)) && row_error_um(row) != 0.0;
+        let is_lost = |row: &&LevelRow| {
+            let um = self.row_error_um(row);
+            !has_place(row_ms(row)) || !has_place(um) && um != 0.0
+        };
         let lost: Vec<&str> = self.tradeoff.levels.iter().filter(is_lost).map(|row| row.level.as_str()).collect();
         if !lost.is_empty() {
             let text = format!("Not shown, without a positive time and a number as error: {}.", lost.join(", "));
@@ -384,17 +439,6 @@ fn label_size(lines: &[(String, TextStyle)]) -> [f64; 2] {
 
 fn row_ms(row: &LevelRow) -> f64 {
     row.cpu_ms_median
-}
-
-fn row_error_um(row: &LevelRow) -> f64 {
-    row.errors.height_rms_um
-}
-
-fn format_numbers(row: &LevelRow) -> String {
-    match row_error_um(row) {
-        0.0 => format!("{} ms, error 0", format_number(row_ms(row))),
-        error => format!("{} ms, {} \u{b5}m", format_number(row_ms(row)), format_number(error)),
-    }
 }
 
 /// Colour and mark of object `i`: 32 different pairs.
@@ -443,9 +487,10 @@ mod tests {
     use crate::tradeoff::errors::MeanErrors;
 
     fn row(name: &str, cpu_ms_median: f64, height_rms_um: f64, pareto: bool) -> LevelRow {
-        let (model_rms_um, total_rms_um) = (7.0, height_rms_um.hypot(7.0));
-        let errors = MeanErrors { height_rms_um, model_rms_um, total_rms_um, ..MeanErrors::default() };
-        LevelRow { level: name.to_owned(), errors, cpu_ms_median, pareto, ..LevelRow::default() }
+        let (model_rms_um, total_rms_um) = (7.0, Some(height_rms_um.hypot(7.0)));
+        let errors = MeanErrors { height_rms_um, ..MeanErrors::default() };
+        let level = name.to_owned();
+        LevelRow { level, errors, model_rms_um, total_rms_um, cpu_ms_median, pareto, ..LevelRow::default() }
     }
 
     fn make_job(job: &str, objects: Vec<ObjectRows>, levels: Vec<LevelRow>, height_rms_um: f64) -> Tradeoff {
@@ -486,6 +531,26 @@ mod tests {
         for wanted in names.chain(numbers).chain(words) {
             assert_eq!(found.iter().filter(|text| *text == wanted).count(), 1, "{wanted} in {found:?}");
         }
+    }
+
+    #[test]
+    fn measured_total_errors_have_finite_strain_at_the_lower_edge_and_no_sums() {
+        let mut tradeoff = example(&NAMES);
+        tradeoff.measured = true;
+        let mut exact = row("finite-strain", 200.0, 11.0, true);
+        exact.total_rms_um = Some(0.0);
+        tradeoff.levels.push(exact);
+        let found = texts(&draw_tradeoff(&tradeoff).to_svg().0);
+        let lines = [
+            "200 ms, error 0 by definition",
+            "balls 0.6 to 1.5 \u{b5}m, walls 2 to 25 \u{b5}m",
+            "60 ms, 7 \u{b5}m",
+            "error of the linear theory: 7 \u{b5}m; dashed: numerical error alone",
+        ];
+        for wanted in lines {
+            assert_eq!(found.iter().filter(|text| *text == wanted).count(), 1, "{wanted} in {found:?}");
+        }
+        assert!(!found.iter().any(|text| text.contains("by object") || text.contains("grid twice")), "{found:?}");
     }
 
     #[test]
@@ -547,7 +612,7 @@ mod tests {
     }
 
     fn levels() -> impl Strategy<Value = Vec<LevelRow>> {
-        let odd = ("[a-c<&$\\u{0}\u{b5}]{0,8}|reference", numbers(), numbers(), any::<bool>());
+        let odd = ("[a-c<&$\\u{0}\u{b5}]{0,8}|reference|finite-strain", numbers(), numbers(), any::<bool>());
         prop::collection::vec(odd.prop_map(|(name, ms, error_um, pareto)| row(&name, ms, error_um, pareto)), 0..6)
     }
 
@@ -560,9 +625,11 @@ mod tests {
             objects in prop::collection::vec((any::<String>(), levels()), 0..4),
             all in levels(),
             grid_error_um in numbers(),
+            measured in any::<bool>(),
         ) {
             let objects = objects.into_iter().map(|(object, levels)| ObjectRows { object, levels }).collect();
-            let canvas = draw_tradeoff(&make_job(&job, objects, all, grid_error_um));
+            let tradeoff = make_job(&job, objects, all, grid_error_um);
+            let canvas = draw_tradeoff(&Tradeoff { measured, ..tradeoff });
             let svg = canvas.to_svg().0;
             texts(&svg);
             prop_assert!(!svg.contains("NaN") && !svg.contains("inf"), "{}", svg);
