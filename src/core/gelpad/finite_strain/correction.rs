@@ -123,6 +123,10 @@ impl ElasticPad {
         if x0 == 0 || y0 == 0 || x1 == penetration.width || y1 == penetration.height {
             return Requirement::Absent(CUT_OFF);
         }
+        // No error is larger than the press is deep, and below the tolerance a box has only rounding to add.
+        if f64::from(penetration.largest(|mm| mm)) < 1e-3 * settings.tolerance_um {
+            return Requirement::Absent(WITHIN_TOLERANCE);
+        }
         let (nodes, _) = self.effort(depth, &settings).tries[0];
         if self.node_spacing_mm(touching, &settings, nodes).is_none() {
             return Requirement::Absent(TOO_WIDE);
