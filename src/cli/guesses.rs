@@ -50,6 +50,10 @@ const ELSEWHERE_GUESSES: &[(&[&str], &str)] = &[
     (&["--config", "--job", "-c", "--file"], "the file stands by itself, without a flag before it"),
     (&["--gpu", "--device", "--cuda", "--gpus"], "it runs on CPUs, on all cores unless --threads says fewer"),
     (&["--resume", "--continue"], "the same command goes on where a run was stopped"),
+    (
+        &["--finite-elements", "--sticking", "--edge-mm", "--refine"],
+        "--fidelity finite-strain solves large strains; `gelsim tradeoff JOB.toml` compares every level with it",
+    ),
     (&["--format"], "`gelsim export DIR --to lerobot|zarr|hdf5 --out OUT` copies a dataset to other formats"),
 ];
 

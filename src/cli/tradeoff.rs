@@ -1,4 +1,4 @@
-//! `gelsim tradeoff`: compares all fidelity levels on a job's samples, or the linear layer with finite elements.
+//! `gelsim tradeoff`: compares all fidelity levels on a job's samples.
 
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
@@ -6,14 +6,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::guesses::parse_whole_number;
-use super::progress::bar::Bar;
 use super::store::local_path_parser;
 use super::terminal::stdout_columns;
 use super::{Failure, Log, output_file, print_result, print_to_stderr};
 use gelsim_files::diagnostic::user_error;
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
-use gelsim_lab::finite::{self, FiniteElementOptions, compare_with_finite_elements};
 use gelsim_lab::tradeoff::{measure_tradeoff, plot, report, sequences};
 
 /// Samples, if the user names no number.
@@ -28,8 +26,7 @@ const SEQUENCES: u64 = 6;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
-  gelsim tradeoff configs/quickstart.toml --samples 16 --out /tmp/tradeoff
-  gelsim tradeoff configs/elementary.toml --finite-elements --sticking")]
+  gelsim tradeoff configs/quickstart.toml --samples 16 --out /tmp/tradeoff")]
 pub struct Tradeoff {
     /// The job
     #[arg(value_name = "JOB.toml")]
@@ -38,20 +35,6 @@ pub struct Tradeoff {
     /// of all [default: 32, or one of each object if that is more; of a job of sequences 6]
     #[arg(short = 'n', long, value_name = "N", value_parser = parse_samples)]
     samples: Option<u64>,
-    /// Instead of the levels: the error of the linear elastic layer itself, against finite elements of rubber at large
-    /// strains, for the deepest press of each round object. Writes finite.csv and finite.json, if --out is given.
-    /// Seconds to a minute an object
-    #[arg(long, conflicts_with = "samples")]
-    finite_elements: bool,
-    /// The pad sticks to the object instead of sliding without friction
-    #[arg(long, requires = "finite_elements")]
-    sticking: bool,
-    /// Radius to which sharper edges of the object are rounded, mm; at a sharp edge the pressure is infinite
-    #[arg(long, value_name = "MM", default_value = "0.2", value_parser = parse_edge, requires = "finite_elements")]
-    edge_mm: f64,
-    /// How many times finer the elements are than usual
-    #[arg(long, value_name = "N", default_value = "1", value_parser = parse_refinement, requires = "finite_elements")]
-    refine: f64,
     /// Folder for the results [default: out/NAME-tradeoff]
     #[arg(short, long, value_name = "DIR", value_parser = local_path_parser())]
     out: Option<PathBuf>,
@@ -74,11 +57,6 @@ impl Tradeoff {
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         plan.require_one_sensor("tradeoff")?;
         Log::plain_text(self.quiet).print_notes(&plan.notes);
-        if self.finite_elements {
-            plan.require_single_presses("--finite-elements")?;
-            plan.require_single_objects("--finite-elements")?;
-            return self.compare_finite_elements(&plan);
-        }
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));
         if folder.exists() && !folder.is_dir() {
             let message = format!("{} is not a folder", folder.display());
@@ -128,37 +106,6 @@ impl Tradeoff {
         }
         Ok(())
     }
-
-    /// Compares the linear layer with finite elements, and writes the result.
-    fn compare_finite_elements(self, plan: &Plan) -> Result<(), Failure> {
-        let options = FiniteElementOptions { sticking: self.sticking, rounding_mm: self.edge_mm, refine: self.refine };
-        if let Some(folder) = &self.out {
-            // Before the work, which would be lost if the folder could not be written.
-            create_folder(folder)?;
-        }
-        let bar = Bar::in_thousandths(!self.quiet);
-        let result =
-            compare_with_finite_elements(plan, options, |object, share| bar.show((1000.0 * share) as u64, object));
-        bar.end();
-        print_result(&finite::report::to_text_table(&result, stdout_columns()))?;
-        if let Some(folder) = &self.out {
-            let json =
-                serde_json::to_string_pretty(&result).map_err(|error| Failure::from_path(folder, &error))? + "\n";
-            for (name, text) in [("finite.csv", finite::report::to_csv(&result)), ("finite.json", json)] {
-                output_file::write_whole_file(&folder.join(name), text.as_bytes())?;
-            }
-            if !self.quiet {
-                print_to_stderr(&format!("-> {}", folder.display()));
-            }
-        }
-        if result.presses.is_empty() {
-            let message = format!("{}: no press could be compared with finite elements", self.job.display());
-            let help = "they know bodies of revolution on flat pads and domes, pressed along their axis: a sphere, a cone, a \
-                        standing cylinder";
-            return Err(user_error(message, help).into());
-        }
-        Ok(())
-    }
 }
 
 /// Creates the folder for the results.
@@ -176,17 +123,4 @@ fn create_folder(folder: &Path) -> Result<(), Failure> {
 fn parse_samples(text: &str) -> Result<u64, String> {
     parse_whole_number(text)
         .and_then(|samples| if samples > 0 { Ok(samples) } else { Err(String::from("write 1 or more")) })
-}
-
-fn parse_edge(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.02, 5.0, "a radius of 0.02 to 5 mm")
-}
-
-fn parse_refinement(text: &str) -> Result<f64, String> {
-    parse_within(text, 0.25, 4.0, "0.25 (four times as coarse) to 4 (four times as fine, 64 times as slow)")
-}
-
-fn parse_within(text: &str, least: f64, most: f64, allowed: &str) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|number| (least..=most).contains(number));
-    number.ok_or_else(|| format!("give {allowed}"))
 }

@@ -2,7 +2,6 @@
 
 pub mod calibrate;
 pub mod compare;
-pub mod finite;
 pub mod inspect;
 pub mod metrics;
 pub mod numbers;

@@ -203,8 +203,7 @@ class Figures:
 
     `new` makes of the output a list for a sentence (in the order of its holes), for a table a list of cells for each row, or None
     for rows that this command does not measure. Of a command that runs tests only `test` is run, a test's name or how several
-    begin. `more` is what the page says in words of the command's arguments; `fill` stands for its placeholders; `needs` are
-    modules without which it is left out.
+    begin. `fill` stands for the command's placeholders; `needs` are modules without which it is left out.
     """
 
     page: str
@@ -213,14 +212,13 @@ class Figures:
     new: Callable[[Output], list | dict]
     test: str = ""
     tolerance: float = 0.02
-    more: str = ""
     fill: dict = field(default_factory=dict)
     needs: tuple = ()
 
     @property
     def line(self):
         """The command as it is run."""
-        words = collapsed(f"{self.command} {self.more}")
+        words = collapsed(self.command)
         for placeholder, value in self.fill.items():
             words = words.replace(placeholder, value)
         return words

@@ -316,7 +316,6 @@ fn sheets_and_reports_show_both_fingers_and_what_looks_at_one_says_so() {
     }
     for (command, words) in [
         ("tradeoff job.toml", "tradeoff looks at one sensor"),
-        ("tradeoff job.toml --finite-elements", "looks at one sensor"),
         ("preview job.toml --effects --out e.png", "--effects looks at one sensor"),
         ("preview job.toml --key 0 --apng --out e.png", "--apng shows a sequence"),
     ] {

@@ -282,7 +282,6 @@ fn strips_films_and_reports_show_sequences() {
         assert!(page.contains(words), "{words}");
     }
     for (command, words) in [
-        ("tradeoff job.toml --finite-elements", "--finite-elements looks at single presses"),
         ("preview job.toml --effects --out e.png", "--effects looks at single presses"),
         ("preview out/moves --apng --out e.png", "--key"),
     ] {

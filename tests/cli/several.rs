@@ -89,13 +89,6 @@ fn objects_that_find_no_place_are_left_out_and_said() {
 }
 
 #[test]
-fn what_looks_at_one_object_refuses_several() {
-    let folder = Folder::with_job(&job());
-    let said = folder.fail("tradeoff job.toml --finite-elements", 2);
-    assert!(said.contains("--finite-elements looks at the press of one object"), "{said}");
-}
-
-#[test]
 fn a_sequence_of_several_objects_is_refused_at_its_place() {
     let sequence = "[sequence]\n[[sequence.phase]]\nname = \"press\"\nduration_s = 0.2\ndepth_mm = 0.5\n\n[output]";
     let text =

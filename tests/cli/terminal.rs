@@ -195,15 +195,8 @@ fn progress_is_a_bar_within_the_terminal_and_nothing_on_a_dumb_one() {
     for k in 0..40 {
         std::fs::copy(repository().join("objects/dots.obj"), meshes.join(format!("{k}.obj"))).expect("a copy");
     }
-    let sphere = repository().join("objects/sphere.obj");
-    folder.write(
-        "ball.toml",
-        format!("[dataset]\nname = \"b\"\nsamples = 2\n[[object]]\npath = {sphere:?}\n[indentation]\ndepth_mm = 0.5\n"),
-    );
     for columns in WIDTHS {
-        let long =
-            ["generate job.toml --out set --overwrite", "inspect meshes", "tradeoff ball.toml --finite-elements"];
-        for arguments in long {
+        for arguments in ["generate job.toml --out set --overwrite", "inspect meshes"] {
             assert_drawn(&Terminal::of(columns).run(&folder, arguments), columns, arguments);
         }
     }

@@ -127,7 +127,7 @@ impl<'a> Drawing<'a> {
         let x = Axis::from_values(times, 0.5, [0.06, right], [FRAME.min[0], FRAME.max[0]]);
         // The vertical axis has room for the theory's error of every object, too, or for the dashed curve.
         let models = rows().map(|row| if measured { row_error_um(row) } else { row.model_rms_um });
-        let numerics = tradeoff.levels.iter().filter(|_| measured).map(|row| row.errors.height_rms_um);
+        let numerics = tradeoff.levels.iter().filter(|_| measured).filter_map(|row| row.total_numerics_rms_um);
         let errors = rows().filter(|row| has_place(row_ms(row))).map(row_error_um);
         let errors = errors.chain(grid_error_um).chain(models).chain(numerics);
         let y = Axis::from_values(errors, 1.0, [0.13, 0.06], [FRAME.max[1], FRAME.min[1]]);
@@ -272,9 +272,10 @@ impl<'a> Drawing<'a> {
     /// Draws the distance of finite strain from finite elements over its time.
     fn draw_truth_errors(&mut self) {
         let Some(ms) = self.exact_ms.filter(|_| self.tradeoff.measured) else { return };
-        let [x, [top, bottom]] = [[self.x.value_px(ms); 2], [FRAME.min[1], FRAME.max[1]]];
-        for (what, [least, most]) in TRUTH_ERRORS_UM {
-            let ends = [least, most].map(|um| [x[0], self.y.value_px(um).clamp(top, bottom)]);
+        let [top, bottom] = [FRAME.min[1], FRAME.max[1]];
+        for ((what, [least, most]), beside) in TRUTH_ERRORS_UM.into_iter().zip([-6.0, 6.0]) {
+            let x = self.x.value_px(ms) + beside;
+            let ends = [least, most].map(|um| [x, self.y.value_px(um).clamp(top, bottom)]);
             let hint = format!("{what}: finite strain is {least} to {most} \u{b5}m from finite elements");
             self.canvas.draw_with_hint(&hint, |canvas| canvas.draw_line(&ends, MODEL_ERROR.colour, 7.0, None));
             self.obstacles.add_line(&ends, 6.0);
@@ -295,14 +296,14 @@ impl<'a> Drawing<'a> {
         self.obstacles.add_line(&[[left, y], [right, y]], 1.0);
         let linear = self.tradeoff.levels.iter().take_while(|row| !measured || row.level != Fidelity::Reference.name());
         let other = |row: &LevelRow| {
-            let um = if measured { Some(row.errors.height_rms_um) } else { row.total_rms_um };
+            let um = if measured { row.total_numerics_rms_um } else { row.total_rms_um };
             self.place_point(row_ms(row), um?)
         };
         let curve: Vec<Point> = linear.filter_map(other).collect();
         self.canvas.draw_line(&curve, colour, 2.0, Some(3));
         self.obstacles.add_line(&curve, 2.0);
         let (what, below) = match measured {
-            true => ("numerical error alone", "no level of linear theory comes below this line"),
+            true => ("numerical error alone", "here the total error of linear theory ends"),
             false => ("both", "below this line a slower level gains no real accuracy"),
         };
         let lines = vec![
@@ -543,7 +544,7 @@ mod tests {
         let found = texts(&draw_tradeoff(&tradeoff).to_svg().0);
         let lines = [
             "200 ms, error 0 by definition",
-            "balls 0.6 to 1.5 \u{b5}m, walls 2 to 25 \u{b5}m",
+            "balls 0.4 to 2.5 \u{b5}m, walls 1.6 to 28 \u{b5}m",
             "60 ms, 7 \u{b5}m",
             "error of the linear theory: 7 \u{b5}m; dashed: numerical error alone",
         ];
