@@ -148,7 +148,7 @@ fn cases() -> Vec<Case> {
         case("long pixels", Setup { mm_per_px: [0.1, 0.4], ..setup }, &[0.1, 0.3, 0.5], |deep, x, y| {
             ball(2.0, deep, x, y)
         }),
-        case("tall pixels", Setup { mm_per_px: [0.5, 0.1], ..setup }, &[0.1, 0.3], |deep, x, y| punch(deep, x, y)),
+        case("tall pixels", Setup { mm_per_px: [0.5, 0.1], ..setup }, &[0.1, 0.3], punch),
         case("coarse pixels", Setup { mm_per_px: [1.0; 2], ..setup }, &[0.1, 0.3, 0.6], |deep, x, y| {
             ball(4.0, deep, x, y)
         }),
