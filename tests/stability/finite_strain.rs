@@ -1,6 +1,7 @@
 //! Pads at finite strain: whatever is pressed in, the surface is finite and bounded, what is said of the solution is true,
 //! and neither the processor nor the way round that an object lies matters.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 
 use gelsim_core::base::grid::{Grid, Resolution};
@@ -10,7 +11,6 @@ use gelsim_core::effects::{Effect, EffectPolicy};
 use gelsim_core::gelpad::elastic::Elastic;
 use gelsim_core::gelpad::finite_strain::FiniteStrain;
 use gelsim_core::gelpad::{Contact, Model, Theory};
-use rayon::prelude::*;
 
 use crate::physics::rig::{NOTHING, Rig, Setup};
 use crate::shapes::Random;
@@ -24,8 +24,10 @@ const OTHERWISE: [&str; 5] = [
     "linear theory is within the tolerance",
     "the contact goes on beyond the captured window, where linear theory alone is used",
     "the contact is too wide for a box of rubber: linear theory is used",
-    "rubber at finite strain was not solved within the tolerance: linear theory is used",
+    UNSOLVED,
 ];
+const UNSOLVED: &str = "rubber at finite strain was not solved within the tolerance: linear theory is used";
+const SOMETHING_ELSE: &str = "it has nothing to do";
 
 const ELASTIC: Elastic = Elastic {
     resolution: Resolution::Full,
@@ -188,8 +190,8 @@ fn bits(grid: &Grid<f32>) -> Vec<u32> {
     grid.data.iter().map(|value| value.to_bits()).collect()
 }
 
-/// What is wrong with a press.
-fn check(case: &Case, strain: f64, model: &Model, tolerance_um: f64) -> Result<(), String> {
+/// What the effect says of a press, or what is wrong with it.
+fn check(case: &Case, strain: f64, model: &Model, tolerance_um: f64) -> Result<&'static str, String> {
     let (rig, thickness_mm) = (case.setup.rig_of(model), case.setup.thickness_mm);
     let deep = strain * thickness_mm;
     let depth = rig.depth_in_window(deep, |x, y| (case.object)(deep, x, y));
@@ -210,15 +212,16 @@ fn check(case: &Case, strain: f64, model: &Model, tolerance_um: f64) -> Result<(
         return fails(String::from("a pressure below 0"));
     }
 
-    // The contact is solved within twice the model's tolerance. Under a wide flat, where no pressure is left in the
-    // middle, a coarse correction may lower the pad a hundredth farther than the object.
+    // The contact is solved within twice the model's tolerance.
+    let slack = 2e-3_f32;
     let deepest = depth.penetration.largest(|mm| mm).max(0.0);
-    let slack = 2e-3_f32 + 0.01 * deepest;
     let (mut lowest, mut highest) = (0.0_f32, 0.0_f32);
     for w in &contact.surface.data {
         (lowest, highest) = (lowest.min(*w), highest.max(*w));
     }
-    if highest > deepest + slack || highest > thickness_mm as f32 {
+    // Under a wide flat, where no pressure is left in the middle, a coarse correction may lower the pad a hundredth
+    // farther than the object.
+    if highest > 1.01 * deepest + slack || highest > thickness_mm as f32 {
         return fails(format!("the surface is at {highest}, the object no deeper than {deepest} mm"));
     }
     if -lowest > 0.6 * deepest + slack || contact.bulge_mm + slack < -lowest || contact.bulge_mm > 0.6 * deepest + slack
@@ -257,7 +260,11 @@ fn check(case: &Case, strain: f64, model: &Model, tolerance_um: f64) -> Result<(
             return fails(String::from("not the linear layer's surface"));
         }
     }
-    Ok(())
+    Ok(match &*note.reason {
+        LARGE => LARGE,
+        UNSOLVED => UNSOLVED,
+        _ => SOMETHING_ELSE,
+    })
 }
 
 /// The linear layer that a model corrects.
@@ -269,43 +276,28 @@ fn linear_layer(setup: Setup, model: &Model) -> Rig {
 #[test]
 fn whatever_is_pressed_in_the_surface_is_bounded_and_what_is_said_of_it_is_true() {
     let cases = cases();
+    // Presses that are corrected, and those for which no solution is found.
+    let (solved, given_up) = (AtomicU32::new(0), AtomicU32::new(0));
     crate::cases::check_cases(
         &cases,
         |case| case.name,
         |case| {
-            let presses = case.strains.iter().flat_map(|strain| models().map(|(model, um)| (*strain, model, um)));
-            let wrong: Vec<_> =
-                presses.filter_map(|(strain, model, um)| check(case, strain, &model, um).err()).collect();
+            let mut wrong = Vec::new();
+            for (strain, (model, um)) in case.strains.iter().flat_map(|strain| models().map(|model| (*strain, model))) {
+                match check(case, strain, &model, um) {
+                    Ok(LARGE) => drop(solved.fetch_add(1, Ordering::Relaxed)),
+                    Ok(UNSOLVED) => drop(given_up.fetch_add(1, Ordering::Relaxed)),
+                    Ok(_) => {}
+                    Err(text) => wrong.push(text),
+                }
+            }
             assert!(wrong.is_empty(), "{}", wrong.join("\n"));
         },
     );
-}
-
-/// The share of the hard cases that are solved at finite strain, so that the others do not hide behind the linear layer.
-#[test]
-fn most_of_the_hard_cases_are_solved_at_finite_strain() {
-    let of = |case: &Case| {
-        let mut counts = [0; 3];
-        for strain in case.strains {
-            let rig = case.setup.rig_of(&models()[0].0);
-            let deep = strain * case.setup.thickness_mm;
-            let depth = rig.depth_in_window(deep, |x, y| (case.object)(deep, x, y));
-            let (_, effects) = rig.press_noted(&depth, EffectPolicy::WhereNeeded);
-            let reason = &*effects.notes[Effect::FiniteStrain].reason;
-            let kind = if reason == LARGE {
-                0
-            } else if reason == OTHERWISE[4] {
-                1
-            } else {
-                2
-            };
-            counts[kind] += 1;
-        }
-        counts
-    };
-    let counts: Vec<_> = cases().par_iter().map(|case| (case.name, of(case))).collect();
-    let sum = |kind: usize| counts.iter().map(|(_, counts)| counts[kind]).sum::<i32>();
-    assert!(sum(0) > sum(1), "solved, given up, not tried: {counts:?}");
+    // The hard ones among them do not all hide behind the linear layer.
+    let (solved, given_up) = (solved.into_inner(), given_up.into_inner());
+    let all = std::env::var_os("GELSIM_CASE").is_none();
+    assert!(!all || given_up < solved, "{solved} presses corrected, {given_up} not solved");
 }
 
 fn setup() -> Setup {
@@ -329,33 +321,43 @@ fn largest_um(a: &Grid<f32>, b: &Grid<f32>, place: impl Fn(usize, usize) -> (usi
     worst
 }
 
+/// Under what is round or pointed the surface goes on steadily. Beside walls what is tried first may be solved at one depth and not
+/// at the next; then the next try decides, which rounds the edges more, or linear theory: there the surface jumps.
 #[test]
 fn a_little_deeper_changes_the_surface_a_little() {
-    let objects: [(&str, Object); 5] = [
+    const SMOOTH: [(&str, Object); 2] = [
         ("ball", |deep, x, y| ball(3.0, deep, x - 0.03, y + 0.07)),
+        ("cone", |deep, x, y| deep - 0.5 * (x - 0.03).hypot(y + 0.07)),
+    ];
+    const WALLS: [(&str, Object); 3] = [
         ("punch", |deep, x, y| punch(deep, x - 0.03, y + 0.07)),
         ("block", |deep, x, y| if x.abs() < 1.7 && y.abs() < 1.1 { deep } else { NOTHING }),
-        ("cone", |deep, x, y| deep - 0.5 * (x - 0.03).hypot(y + 0.07)),
         ("lopsided", lopsided),
     ];
-    let mut found = Vec::new();
-    for (model, tolerance_um) in models() {
+    let mut wrong = Vec::new();
+    for (model, _) in models() {
         let rig = setup().rig_of(&model);
-        for (name, object) in objects {
+        for (k, (name, object)) in SMOOTH.into_iter().chain(WALLS).enumerate() {
             for strain in [0.08, 0.15, 0.22, 0.3, 0.35] {
                 let press = |deep: f64| rig.pad.press(&rig.depth_in_window(deep, |x, y| object(deep, x, y)));
-                let deep = 3.0 * strain;
+                let deep = strain * rig.setup.thickness_mm;
                 let [a, b] = [deep, deep + 1e-4].map(press);
                 let um = largest_um(&a.surface, &b.surface, |x, y| (x, y));
-                let [a, b] = [a, b].map(|contact| (contact.numerics.opened_mm, contact.numerics.strain_iterations));
-                // Another opening is another solution; its error is that of the opening.
-                if a.0 == b.0 && um > 0.5 * tolerance_um {
-                    found.push(format!("{name}, {strain}, {}: {um:.2} um, {a:?} {b:?}", model.name()));
+                let same = a.numerics.opened_mm == b.numerics.opened_mm && a.numerics.theory == b.numerics.theory;
+                // The object itself goes 0.1 um deeper.
+                let most_um = if same { 0.5 } else { 100.0 * deep };
+                if um > most_um || (k < SMOOTH.len() && !same) {
+                    wrong.push(format!(
+                        "{name}, {strain}, {}: {um:.2} um, {:?} {:?}",
+                        model.name(),
+                        a.numerics,
+                        b.numerics
+                    ));
                 }
             }
         }
     }
-    assert!(found.is_empty(), "{}", found.join("\n"));
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]
