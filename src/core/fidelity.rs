@@ -28,7 +28,7 @@ pub enum Fidelity {
     Standard,
     /// Elastic pad and shadows, solved on every pixel.
     High,
-    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against.
+    /// Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the numerical error of the others is measured against.
     Reference,
     /// Elastic pad at finite strain (neo-Hookean), solved in a box around the contact.
     #[serde(rename = "finite-strain")]
@@ -74,7 +74,7 @@ impl Fidelity {
             Self::Standard => "Elastic pad and shadows, solved on every second pixel",
             Self::High => "Elastic pad and shadows, solved on every pixel",
             Self::Reference => {
-                "Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the others are measured against"
+                "Elastic pad, solved on every pixel as exactly as 32-bit numbers allow: what the numerical error of the others is measured against"
             }
             Self::FiniteStrain => "Elastic pad at finite strain (neo-Hookean), solved in a box around the contact",
         }

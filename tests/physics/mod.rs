@@ -56,5 +56,5 @@ mod shadow;
 mod soft;
 mod solutions;
 mod support;
-mod symmetry;
+pub mod symmetry;
 mod walls;

@@ -38,9 +38,9 @@ fn lopsided(x: f64, y: f64) -> f64 {
 }
 
 /// Where the same pixel is found in the image of an object that lies another way round.
-type Way = (&'static str, fn(f64, f64) -> (f64, f64), fn(usize, usize, usize) -> (usize, usize));
+pub type Way = (&'static str, fn(f64, f64) -> (f64, f64), fn(usize, usize, usize) -> (usize, usize));
 
-const WAYS: [Way; 4] = [
+pub const WAYS: [Way; 4] = [
     ("mirrored left to right", |x, y| (-x, y), |x, y, last| (last - x, y)),
     ("mirrored top to bottom", |x, y| (x, -y), |x, y, last| (x, last - y)),
     ("transposed", |x, y| (y, x), |x, y, _| (y, x)),

@@ -13,6 +13,7 @@ use gelsim_core::gelpad::finite_strain::FiniteStrain;
 use gelsim_core::gelpad::{Contact, Model, Theory};
 
 use crate::physics::rig::{NOTHING, Rig, Setup};
+use crate::physics::symmetry::WAYS;
 use crate::shapes::Random;
 
 /// What the effect says of a press that it corrects.
@@ -403,16 +404,6 @@ fn a_stiffer_pad_has_the_same_surface() {
         assert!((ratio - 1.0).abs() < 1e-6, "{}: {ratio}", model.name());
     }
 }
-
-/// Where the same pixel is found in the image of an object that lies another way round.
-type Way = (&'static str, fn(f64, f64) -> (f64, f64), fn(usize, usize, usize) -> (usize, usize));
-
-const WAYS: [Way; 4] = [
-    ("mirrored left to right", |x, y| (-x, y), |x, y, last| (last - x, y)),
-    ("mirrored top to bottom", |x, y| (x, -y), |x, y, last| (x, last - y)),
-    ("transposed", |x, y| (y, x), |x, y, _| (y, x)),
-    ("turned by a quarter", |x, y| (-y, x), |x, y, last| (last - y, x)),
-];
 
 #[test]
 fn an_object_the_other_way_round_gives_the_surface_the_other_way_round() {

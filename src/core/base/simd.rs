@@ -167,6 +167,24 @@ pub fn sum_values(values: &[f32]) -> f64 {
     sums.iter().sum()
 }
 
+/// Computes the scalar product of some thousand numbers in eight partial sums of 32 bits, so that the result is the same
+/// on every processor. Longer ones are summed from parts: a single sum would lose small numbers.
+#[inline(always)]
+pub fn dot_in_eights(a: &[f32], b: &[f32]) -> f64 {
+    let mut sums = [0.0_f32; 8];
+    let (a, a_rest) = a.as_chunks::<8>();
+    let (b, b_rest) = b.as_chunks::<8>();
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..8 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    for (sum, (a, b)) in sums.iter_mut().zip(a_rest.iter().zip(b_rest)) {
+        *sum += a * b;
+    }
+    sums.iter().map(|sum| f64::from(*sum)).sum()
+}
+
 /// Counts how many of the values (fewer than 2^32) are true.
 #[inline(always)]
 pub fn count_true(values: impl Iterator<Item = bool>) -> u32 {

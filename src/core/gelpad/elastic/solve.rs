@@ -9,7 +9,7 @@
 use super::partial_pixels::PartialPixel;
 use super::response::{Operator, OperatorBuffers};
 use crate::base::grid::{Grid, Rect};
-use crate::base::simd::simd_dispatch;
+use crate::base::simd::{dot_in_eights, simd_dispatch};
 
 /// Multiple of the tolerance below which pressures are close enough to their final values to stop pixels.
 const NEAR_TOLERANCE: f32 = 30.0;
@@ -257,18 +257,7 @@ fn dot(a: &Grid<f32>, b: &Grid<f32>) -> f64 {
         || {
             let mut total = 0.0;
             for (a, b) in a.data.chunks_exact(a.width).zip(b.data.chunks_exact(b.width)) {
-                let mut sums = [0.0_f32; 8];
-                let (a, a_rest) = a.as_chunks::<8>();
-                let (b, b_rest) = b.as_chunks::<8>();
-                for (a, b) in a.iter().zip(b) {
-                    for k in 0..8 {
-                        sums[k] += a[k] * b[k];
-                    }
-                }
-                for (sum, (a, b)) in sums.iter_mut().zip(a_rest.iter().zip(b_rest)) {
-                    *sum += a * b;
-                }
-                total += sums.iter().map(|sum| f64::from(*sum)).sum::<f64>();
+                total += dot_in_eights(a, b);
             }
             total
         },

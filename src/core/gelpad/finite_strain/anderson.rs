@@ -2,7 +2,7 @@
 //! residual would be least if the iteration were linear between the last ones.
 
 use super::element::State;
-use crate::base::simd::simd_dispatch;
+use crate::base::simd::{dot_in_eights, simd_dispatch};
 
 /// Number of differences that are kept.
 const KEPT: usize = 12;
@@ -137,27 +137,9 @@ pub fn add_scaled(sum: &mut State, other: &State, factor: f32) {
     }
 }
 
-/// Computes the scalar product in eight partial sums per 4096 values, on every processor the same.
 fn dot(a: &[f32], b: &[f32]) -> f64 {
     simd_dispatch(
         #[inline(always)]
-        || {
-            let mut total = 0.0;
-            for (a, b) in a.chunks(4096).zip(b.chunks(4096)) {
-                let mut sums = [0.0_f32; 8];
-                let (a, a_rest) = a.as_chunks::<8>();
-                let (b, b_rest) = b.as_chunks::<8>();
-                for (a, b) in a.iter().zip(b) {
-                    for k in 0..8 {
-                        sums[k] += a[k] * b[k];
-                    }
-                }
-                for (sum, (a, b)) in sums.iter_mut().zip(a_rest.iter().zip(b_rest)) {
-                    *sum += a * b;
-                }
-                total += sums.iter().map(|sum| f64::from(*sum)).sum::<f64>();
-            }
-            total
-        },
+        || a.chunks(4096).zip(b.chunks(4096)).map(|(a, b)| dot_in_eights(a, b)).sum(),
     )
 }

@@ -5,9 +5,10 @@
 //! normal at the displaced node; p >= 0 and the gap along n is 0 where p > 0.
 
 use super::height_map::HeightMap;
-use super::layer::{BoxLayer, Matrix, PlaneSpectrum, inverse, times, times_i, times_minus_i};
+use super::layer::{BoxLayer, Matrix, PlaneSpectrum, inverse, multiply_matrix, times, times_i, times_minus_i};
 use super::spectrum::{HalfSpectrum, RealTransform};
 use crate::base::grid::Rect;
+use crate::base::simd::simd_dispatch;
 use crate::gelpad::elastic::layer::ElasticLayer;
 
 /// Nodes of the contact's grid per node of the box.
@@ -38,6 +39,8 @@ pub struct ContactGrid {
     box_spectra: PlaneSpectrum,
     box_forces: PlaneSpectrum,
     buffers: LcpBuffers,
+    /// Forces along the normals and the displacement under them.
+    pressed: [Field; 2],
 }
 
 /// A vector field on the contact's grid, row by row.
@@ -45,8 +48,6 @@ pub type Field = [Vec<f32>; 3];
 
 #[derive(Default)]
 struct LcpBuffers {
-    force: Field,
-    response: Field,
     residual: Vec<f32>,
     last_residual: Vec<f32>,
     step: Vec<f32>,
@@ -59,9 +60,9 @@ struct LcpBuffers {
 pub struct ContactGuess<'a> {
     /// Displacement of the surface, mm.
     pub surface: &'a mut Field,
-    /// Forces on the nodes over the shear modulus; no guess, only written.
+    /// Forces on the nodes over the shear modulus; the guess of points that stick.
     pub force: &'a mut Field,
-    /// Pressure of the nodes along the object's normal: force over the shear modulus.
+    /// Force of the nodes along the object's normal over the shear modulus; the guess of points that slide.
     pub pressure: &'a mut [f32],
 }
 
@@ -147,6 +148,7 @@ impl ContactGrid {
             box_spectra: planes(coarse),
             box_forces: planes(coarse),
             buffers: LcpBuffers::default(),
+            pressed: [0, 1].map(|_| [0, 1, 2].map(|_| vec![0.0; width * height])),
             transform,
         }
     }
@@ -191,7 +193,7 @@ impl ContactGrid {
                 (to.re[at], to.im[at]) = place.map_or((0.0, 0.0), |place| (from.re[place], from.im[place]));
             }
         }
-        super::layer::multiply_matrix(&mut self.box_forces, &self.to_box, &self.box_spectra);
+        multiply_matrix(&mut self.box_forces, &self.to_box, &self.box_spectra);
         &self.box_forces
     }
 
@@ -208,7 +210,7 @@ impl ContactGrid {
                 (&mut moved.im, [&self.spectra[0].im, &self.spectra[1].im, &self.spectra[2].im]),
             ];
             for (to, [a, b, c]) in parts {
-                crate::base::simd::simd_dispatch(
+                simd_dispatch(
                     #[inline(always)]
                     || {
                         for ((((((to, a), b), c), p), q), r) in
@@ -265,7 +267,7 @@ impl ContactGrid {
         (object, lifted_mm, region): (&HeightMap, f32, Rect),
         free: &Field,
         anchors: &[Vec<f32>; 2],
-        ContactGuess { surface, force, pressure }: ContactGuess<'_>,
+        ContactGuess { surface, force, .. }: ContactGuess<'_>,
         tolerance_mm: f32,
     ) {
         let [width, _] = self.transform.size();
@@ -284,9 +286,6 @@ impl ContactGrid {
             }
         }
         self.stick_to(&target, free, force, surface, tolerance_mm);
-        for (p, f) in pressure.iter_mut().zip(&force[2]) {
-            *p = -f;
-        }
     }
 
     /// Conjugate gradients for the forces of nodes that touch, which join and leave as they enter or pull.
@@ -410,11 +409,8 @@ impl ContactGrid {
 
     /// Writes how far pressures along the normals move the nodes along them.
     fn respond(&mut self, conditions: &Conditions, pressure: &[f32], moved: &mut [f32]) {
-        let (mut force, mut response) =
-            (std::mem::take(&mut self.buffers.force), std::mem::take(&mut self.buffers.response));
+        let [mut force, mut response] = std::mem::take(&mut self.pressed);
         for c in 0..3 {
-            force[c].resize(pressure.len(), 0.0);
-            response[c].resize(pressure.len(), 0.0);
             for ((force, n), p) in force[c].iter_mut().zip(&conditions.normal[c]).zip(pressure) {
                 *force = n * p;
             }
@@ -427,7 +423,7 @@ impl ContactGrid {
         {
             *moved = x * nx + y * ny + z * nz;
         }
-        (self.buffers.force, self.buffers.response) = (force, response);
+        self.pressed = [force, response];
     }
 
     /// Conjugate gradients under bounds, as in the linear layer's solver.
@@ -455,9 +451,7 @@ impl ContactGrid {
             buffer.clear();
             buffer.resize(len, 0.0);
         }
-        std::mem::swap(&mut self.buffers.force, &mut own.force);
-        std::mem::swap(&mut self.buffers.response, &mut own.response);
-        let LcpBuffers { residual, last_residual, step, direction, gap, change, .. } = &mut own;
+        let LcpBuffers { residual, last_residual, step, direction, gap, change } = &mut own;
         self.respond(conditions, pressure, gap);
         let (mut last_product, mut keeps, mut iterations) = (1.0_f64, false, 0);
         loop {
@@ -514,8 +508,6 @@ impl ContactGrid {
                 self.respond(conditions, pressure, gap);
             }
         }
-        own.force = std::mem::take(&mut self.buffers.force);
-        own.response = std::mem::take(&mut self.buffers.response);
         self.buffers = own;
     }
 }

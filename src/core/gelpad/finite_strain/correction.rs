@@ -127,11 +127,12 @@ impl ElasticPad {
         if f64::from(penetration.largest(|mm| mm)) < 1e-3 * settings.tolerance_um {
             return Requirement::Absent(WITHIN_TOLERANCE);
         }
-        let (nodes, _) = self.effort(depth, &settings).tries[0];
+        let edge = self.overlap_edge(depth);
+        let (nodes, _) = self.effort(depth, edge, &settings).tries[0];
         if self.node_spacing_mm(touching, &settings, nodes).is_none() {
             return Requirement::Absent(TOO_WIDE);
         }
-        if self.expected_error_mm(depth) < 1e-3 * NEGLIGIBLE_SHARE * settings.tolerance_um {
+        if self.expected_error_mm(depth, edge) < 1e-3 * NEGLIGIBLE_SHARE * settings.tolerance_um {
             return Requirement::Unneeded(WITHIN_TOLERANCE);
         }
         Requirement::Needed("large strains change the surface")
@@ -148,8 +149,8 @@ impl ElasticPad {
 
     /// Returns the error that linear theory is expected to have, mm, judged by where the object reaches below the
     /// undeformed pad. The contact is smaller than that, and gentler at its edge.
-    fn expected_error_mm(&self, depth: &Depth) -> f64 {
-        let Some(edge) = self.overlap_edge(depth) else { return 0.0 };
+    fn expected_error_mm(&self, depth: &Depth, edge: Option<ContactEdge>) -> f64 {
+        let Some(edge) = edge else { return 0.0 };
         let deepest_mm = f64::from(depth.penetration.largest(|mm| mm));
         let known = model_error_mm(deepest_mm, self.layer().thickness_mm, edge, self.friction());
         known.unwrap_or(f64::INFINITY)
@@ -164,10 +165,10 @@ impl ElasticPad {
         ContactEdge::from_mask(&overlap, &depth.penetration, 0, self.mm_per_px())
     }
 
-    fn effort(&self, depth: &Depth, settings: &StrainSettings) -> &'static Effort {
+    fn effort(&self, depth: &Depth, edge: Option<ContactEdge>, settings: &StrainSettings) -> &'static Effort {
         match settings.thorough {
             false => &CHEAP,
-            true if self.overlap_edge(depth).is_none_or(|edge| edge.slope < WALL_SLOPE) => &SMOOTH,
+            true if edge.is_none_or(|edge| edge.slope < WALL_SLOPE) => &SMOOTH,
             true if f64::from(depth.deepest_mm) < DEEP * self.layer().thickness_mm => &WALLS,
             true => &DEEP_WALLS,
         }
@@ -195,7 +196,7 @@ impl ElasticPad {
     /// The reason why there is none.
     pub fn solve_finite_strain(&self, depth: &Depth) -> Result<StrainCorrection, Reason> {
         let settings = self.strain_settings().ok_or("the gelpad model is linear")?;
-        let effort = self.effort(depth, &settings);
+        let effort = self.effort(depth, self.overlap_edge(depth), &settings);
         let (mut solver, mut last_spacing_mm) = (None, 0.0);
         let mut iterations = 0;
         for (nodes, opening) in effort.tries {

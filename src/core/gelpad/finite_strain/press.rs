@@ -46,7 +46,7 @@ pub struct PressOptions {
     pub max_iterations: u32,
     /// Steps without progress after which a load step has failed.
     pub patience: u32,
-    /// True beside edges at which nodes may hop to and fro: damping sets in for long then.
+    /// True beside edges at which nodes hop to and fro for long: the acceleration begins anew whenever damping changes.
     pub hops: bool,
     /// Largest load step, mm, of presses deeper than `one_step_mm`. Where a step fails, halves of it are tried.
     pub load_step_mm: f64,
@@ -77,7 +77,7 @@ struct LoadStep<'a> {
     lifted_mm: f32,
     tolerance_mm: f64,
     /// Where points stay that touch; `None` if they slide.
-    anchors: Option<[Vec<f32>; 2]>,
+    anchors: Option<&'a [Vec<f32>; 2]>,
 }
 
 /// A converged load step.
@@ -86,7 +86,7 @@ struct Level {
     depth_mm: f64,
     state: State,
     surface: Field,
-    /// Pressure of the nodes along the object's normal; only where they slide.
+    /// Force of the nodes along the object's normal; 0 where they stick.
     pressure: Vec<f32>,
     force: Field,
 }
@@ -162,7 +162,7 @@ impl RubberSolver {
             if let Some(anchors) = &mut anchors {
                 self.set_anchors(anchors, object, [&reached, before.as_ref().unwrap_or(&reached)], (depth_mm, deepest));
             }
-            let load = LoadStep { object, lifted_mm, tolerance_mm, anchors: anchors.clone() };
+            let load = LoadStep { object, lifted_mm, tolerance_mm, anchors: anchors.as_ref() };
             let solved = self.solve_step(&load, options, &mut next, &mut press, &mut acceleration);
             if solved {
                 before = Some(std::mem::replace(&mut reached, next));
@@ -200,7 +200,7 @@ impl RubberSolver {
         };
         let passed = now.depth_mm - before.depth_mm;
         let ahead = if passed > 0.0 { ((depth_mm - now.depth_mm) / passed) as f32 } else { 0.0 };
-        for at in (0..now.pressure.len()).filter(|at| now.force[2][*at] >= 0.0) {
+        for at in (0..now.force[2].len()).filter(|at| now.force[2][*at] >= 0.0) {
             let [wide, narrow] = [before, now].map(|level| libm::powf(gap(level, at), 2.0 / 3.0));
             // In shares of the next load step.
             let until = if wide > narrow { (narrow / (ahead * (wide - narrow))).min(1.0) } else { 0.5 };
@@ -238,7 +238,7 @@ impl RubberSolver {
             let Level { surface, force, pressure, .. } = &mut *level;
             let guess = ContactGuess { surface, force, pressure };
             let (place, free) = ((load.object, load.lifted_mm, options.region), &free);
-            match &load.anchors {
+            match load.anchors {
                 None => self.contact.solve(place, free, guess, closeness as f32),
                 Some(anchors) => self.contact.solve_sticking(place, free, anchors, guess, closeness as f32),
             }
