@@ -125,6 +125,10 @@ const MAX_TOLERANCE_SHARE: f32 = 0.02;
 /// Height of bulges that a capture allows for, as a share of the indentation depth; rings come to 0.36.
 const BULGE_SHARE: f64 = 0.4;
 
+/// Height of bulges that a capture allows for where large strains are solved for, thicknesses. There, points far over the
+/// pad count as well, so that it must not depend on how deep one knows the object to be.
+const STRAIN_BULGE: f64 = 0.3;
+
 /// The model prepared for a sensor. Clones share all large data.
 #[derive(Clone)]
 pub struct ElasticPad {
@@ -231,8 +235,11 @@ impl ElasticPad {
 
     /// Returns the part of an object that the solver needs; see [`super::Pad::capture_window`].
     pub fn capture_window(&self, depth_mm: f64) -> CaptureWindow {
-        // A few tolerances more, as the height of a bulge is only known within the tolerance.
-        let bulge_mm = (BULGE_SHARE * depth_mm).max(4e-3 * self.elastic.tolerance_um);
+        let bulge_mm = match self.strain {
+            Some(_) => STRAIN_BULGE * self.layer.thickness_mm,
+            // A few tolerances more, as the height of a bulge is only known within the tolerance.
+            None => (BULGE_SHARE * depth_mm).max(4e-3 * self.elastic.tolerance_um),
+        };
         CaptureWindow {
             margin_px: self.margin_px,
             above_mm: (bulge_mm + self.interpolation_slack_mm()).min(self.layer.thickness_mm),
@@ -299,6 +306,11 @@ impl ElasticPad {
         solution.settle_stopped_pixels(&left, cut);
         let Rect { x0, y0, .. } = solution.known_box;
         prior.add_to(&mut solution.displacement, self.grid_placement(depth, lattice), lattice, [x0, y0], 1.0);
+        if prior.strain.is_some() && prior.outside.is_none() {
+            // Beside walls the difference between rubber and the layer is less exact than this bound.
+            let deepest_mm = depth.penetration.largest(|mm| mm).max(0.0);
+            solution.displacement.data.iter_mut().for_each(|w| *w = w.min(deepest_mm));
+        }
         solution.converged &= prior.friction.is_none_or(|drag| drag.converged);
         if let Some(outside) = prior.outside {
             contact.surface = outside.crop(seen);

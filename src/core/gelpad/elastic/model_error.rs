@@ -12,6 +12,11 @@
 //! contact's area over its perimeter and h. On a curved pad t^2 D is added, with the slope t of the pad at rest at the
 //! contact's edge.
 //!
+//! Walls count by their share of the outline and by their depth, as real objects have them (fitted to presses at finite
+//! strain; `tests/bench/model_error.py`): B is 1 + 0.5 w (q - 1) times as large, where w is the walls' share and q the
+//! outline over that of a disc as large, and if the object is g deep at its walls, their error is
+//! (1.6 g / d)^(1 + b) times as large, at most once.
+//!
 //! For a layer that sticks to the object, compared with finite elements that stick
 //! (`tests/oracle/sticking_elements.py`), the same formula holds with other numbers, and with C u^3 as the last term:
 //! under wide contacts, points stick where they were moved to before they touched, at any strain. The linear layer's
@@ -35,7 +40,7 @@ struct ErrorFit {
 
 const FRICTIONLESS: ErrorFit = ErrorFit {
     gentle: [0.0233, 1.74],
-    wall: [1.013, 1.59],
+    wall: [1.27, 1.59],
     wide: |strain, width_mm, thickness_mm| {
         let wide = strain * width_mm / thickness_mm;
         0.0341 * wide * wide
@@ -58,6 +63,13 @@ const STICK_STIFFENING: f64 = 10.6;
 /// The width u at which half of the factor is reached.
 const STIFFENING_HALF_WIDTH: f64 = 1.72;
 
+/// Slope at the contact's edge from which on it is a wall.
+pub const WALL_SLOPE: f64 = 3.0;
+
+/// How much a long outline of walls adds to B, and the share of the depth from which on walls count fully.
+const OUTLINE_FACTOR: f64 = 0.5;
+const WALL_DEPTH_FACTOR: f64 = 1.6;
+
 /// D: the term of a curved pad.
 const CURVATURE_FACTOR: f64 = 1.2;
 
@@ -67,17 +79,25 @@ pub struct ContactEdge {
     /// The steepest slope of the object from a pixel in contact to a neighbour that is not. Beside a wall there is no
     /// object, and the slope is limited only by the pixel size.
     pub slope: f64,
+    /// The same of the edges that are no walls.
+    pub gentle_slope: f64,
     /// The contact's area over its perimeter, mm; half the radius for a disc.
     pub area_over_perimeter_mm: f64,
+    /// The contact's perimeter over that of a disc as large.
+    pub outline: f64,
+    /// Share of the outline at which the object has a wall.
+    pub wall_share: f64,
+    /// How far the object reaches into the pad at its walls' lower edges, at most, mm.
+    pub wall_depth_mm: f64,
 }
 
 impl ContactEdge {
     /// Measures the edge of a contact mask. `penetration` has `margin_px` more on every side. `None` if no pixel in
     /// view is at the edge.
     pub fn from_mask(mask: &Grid<u8>, penetration: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
-        let per_px = mm_per_px.map(|mm| (1.0 / mm) as f32);
+        let wall_mm = mm_per_px.map(|mm| (WALL_SLOPE * mm) as f32);
         let object = |y: usize| &penetration.row(y + margin_px)[margin_px..][..mask.width];
-        let (mut slope, mut touching_px, mut sides) = (0.0_f32, 0_u64, [0_u64; 2]);
+        let (mut touching_px, mut sides) = (0_u64, [EdgeSides::default(); 2]);
         let nothing = vec![0; mask.width];
         for y in 0..mask.height {
             let (touching, here) = (mask.row(y), object(y));
@@ -90,39 +110,93 @@ impl ContactEdge {
                 #[inline(always)]
                 || {
                     let many = count_true(touching.iter().map(|value| *value != 0));
-                    (many, compare_lines((touching, here), after), compare_lines((touching, here), below))
+                    let along = EdgeSides::between((touching, here), after, wall_mm[0]);
+                    (many, along, EdgeSides::between((touching, here), below, wall_mm[1]))
                 },
             );
             touching_px += u64::from(many);
-            sides = [sides[0] + down.0, sides[1] + along.0];
-            slope = slope.max(along.1 * per_px[0]).max(down.1 * per_px[1]);
+            sides = [sides[0].with(along), sides[1].with(down)];
         }
-        // The sides of pixels are longer than a smooth outline, by 4 / pi for a disc.
-        let sides_mm = sides[0] as f64 * mm_per_px[0] + sides[1] as f64 * mm_per_px[1];
+        // Sides between columns are as long as a pixel is high. The sides of pixels are longer than a smooth outline,
+        // by 4 / pi for a disc.
+        let length_mm = |count: fn(EdgeSides) -> u64| {
+            let [between_columns, between_rows] = sides.map(|sides| count(sides) as f64);
+            0.25 * std::f64::consts::PI * (between_columns * mm_per_px[1] + between_rows * mm_per_px[0])
+        };
+        let steepest = |step: fn(EdgeSides) -> f32| {
+            sides.iter().zip(mm_per_px).map(|(sides, mm)| f64::from(step(*sides)) / mm).fold(0.0, f64::max)
+        };
         let area = touching_px as f64 * mm_per_px[0] * mm_per_px[1];
-        (sides_mm > 0.0).then(|| Self {
-            slope: f64::from(slope),
-            area_over_perimeter_mm: area / (0.25 * std::f64::consts::PI * sides_mm),
+        let perimeter_mm = length_mm(|sides| sides.count);
+        (perimeter_mm > 0.0).then(|| Self {
+            slope: steepest(|sides| sides.step_mm),
+            gentle_slope: steepest(|sides| sides.gentle_step_mm),
+            area_over_perimeter_mm: area / perimeter_mm,
+            outline: perimeter_mm / libm::sqrt(4.0 * std::f64::consts::PI * area),
+            wall_share: length_mm(|sides| sides.walls) / perimeter_mm,
+            wall_depth_mm: f64::from(sides[0].wall_depth_mm.max(sides[1].wall_depth_mm)),
         })
     }
 }
 
-/// Counts the places where the masks of two lines differ, and returns the largest difference of their heights there.
-#[inline(always)]
-fn compare_lines(a: (&[u8], &[f32]), b: (&[u8], &[f32])) -> (u64, f32) {
-    let masks = || a.0.iter().zip(b.0).map(|(a, b)| a != b);
-    let steps = masks().zip(a.1.iter().zip(b.1)).map(|(differ, (a, b))| if differ { (a - b).abs() } else { 0.0 });
-    (u64::from(count_true(masks())), largest_value(steps))
+/// Sides of pixels with a pixel in contact on one hand and one that is not on the other.
+#[derive(Clone, Copy, Debug, Default)]
+struct EdgeSides {
+    count: u64,
+    /// Those at which the object has a wall.
+    walls: u64,
+    /// Largest difference of the object's heights, and that where there is no wall.
+    step_mm: f32,
+    gentle_step_mm: f32,
+    /// How deep the object is beside a wall, at most.
+    wall_depth_mm: f32,
+}
+
+impl EdgeSides {
+    /// Measures the sides between two lines of pixels: masks, and how deep the object is.
+    #[inline(always)]
+    fn between(a: (&[u8], &[f32]), b: (&[u8], &[f32]), wall_mm: f32) -> Self {
+        let differ = || a.0.iter().zip(b.0).map(|(a, b)| a != b);
+        let heights = || a.1.iter().zip(b.1);
+        let steps = || differ().zip(heights()).map(|(differ, (a, b))| if differ { (a - b).abs() } else { 0.0 });
+        let at_walls = || steps().zip(heights()).map(|(step, (a, b))| if step >= wall_mm { a.max(*b) } else { 0.0 });
+        Self {
+            count: u64::from(count_true(differ())),
+            walls: u64::from(count_true(steps().map(|step| step >= wall_mm))),
+            step_mm: largest_value(steps()),
+            gentle_step_mm: largest_value(steps().map(|step| if step < wall_mm { step } else { 0.0 })),
+            wall_depth_mm: largest_value(at_walls()),
+        }
+    }
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            walls: self.walls + other.walls,
+            step_mm: self.step_mm.max(other.step_mm),
+            gentle_step_mm: self.gentle_step_mm.max(other.gentle_step_mm),
+            wall_depth_mm: self.wall_depth_mm.max(other.wall_depth_mm),
+        }
+    }
 }
 
 impl ErrorFit {
     fn error_mm(&self, depth_mm: f64, thickness_mm: f64, edge: ContactEdge) -> f64 {
         let strain = (depth_mm / thickness_mm).max(0.0);
-        let gentle = self.gentle[0] * libm::pow(edge.slope.max(0.0), self.gentle[1]);
+        let gentle = |slope: f64| self.gentle[0] * libm::pow(slope.max(0.0), self.gentle[1]);
         let wall = self.wall[0] * libm::pow(strain, self.wall[1]);
         // A harmonic sum: the smaller of the two errors decides.
-        let beside = if gentle > 0.0 && wall > 0.0 { 1.0 / (1.0 / gentle + 1.0 / wall) } else { 0.0 };
-        depth_mm * (beside + (self.wide)(strain, edge.area_over_perimeter_mm, thickness_mm))
+        let beside = |gentle: f64, wall: f64| {
+            if gentle > 0.0 && wall > 0.0 { 1.0 / (1.0 / gentle + 1.0 / wall) } else { 0.0 }
+        };
+        let mut share = beside(gentle(edge.gentle_slope), wall);
+        if edge.wall_share > 0.0 && depth_mm > 0.0 {
+            let longer = 1.0 + OUTLINE_FACTOR * edge.wall_share * (edge.outline - 1.0).max(0.0);
+            let deep = (WALL_DEPTH_FACTOR * edge.wall_depth_mm / depth_mm).clamp(0.0, 1.0);
+            let at_walls = beside(gentle(edge.slope), wall * longer) * libm::pow(deep, 1.0 + self.wall[1]);
+            share = share.max(at_walls);
+        }
+        depth_mm * (share + (self.wide)(strain, edge.area_over_perimeter_mm, thickness_mm))
     }
 }
 
@@ -239,6 +313,33 @@ pub fn ring_rms_mm(largest_mm: f64, depth_mm: f64) -> f64 {
 mod tests {
     use super::*;
 
+    /// A round contact whose edge is equally steep all around.
+    fn disc(slope: f64, area_over_perimeter_mm: f64, depth_mm: f64) -> ContactEdge {
+        let wall_share = if slope < WALL_SLOPE { 0.0 } else { 1.0 };
+        let gentle_slope = if slope < WALL_SLOPE { slope } else { 0.0 };
+        let wall_depth_mm = wall_share * depth_mm;
+        ContactEdge { slope, gentle_slope, area_over_perimeter_mm, outline: 1.0, wall_share, wall_depth_mm }
+    }
+
+    #[test]
+    fn walls_count_by_their_share_of_the_outline_and_by_their_depth() {
+        // A wall above, 0.5 mm deep, and gentle edges.
+        let rows = [[-1.0, -1.0, -1.0], [0.1, 0.5, 0.1], [0.0, 0.4, 0.0], [-0.1, 0.3, 0.0]];
+        let mut penetration = Grid::new(3, 4);
+        penetration.data = rows.as_flattened().to_vec();
+        let mut mask = Grid::new(3, 4);
+        mask.data = vec![0, 0, 0, 0, 255, 0, 0, 255, 0, 0, 0, 0];
+        let edge = ContactEdge::from_mask(&mask, &penetration, 0, [0.2; 2]).expect("an edge");
+        assert!((edge.wall_share - 1.0 / 6.0).abs() < 1e-9 && (edge.wall_depth_mm - 0.5).abs() < 1e-6, "{edge:?}");
+        assert!((edge.slope - 7.5).abs() < 1e-5 && (edge.gentle_slope - 2.0).abs() < 1e-5, "{edge:?}");
+        let of = |edge| model_error_mm(0.6, 3.0, edge, None).expect("within what was fitted");
+        let walls = disc(10.0, 0.5, 0.6);
+        let long = ContactEdge { outline: 3.0, ..walls };
+        let shallow = ContactEdge { wall_depth_mm: 0.1, gentle_slope: 0.5, ..walls };
+        assert!(of(long) > 1.2 * of(walls) && of(shallow) < 0.2 * of(walls));
+        assert!(of(shallow) >= of(disc(0.5, 0.5, 0.6)));
+    }
+
     #[test]
     fn the_steepest_edge_counts_and_what_lies_within_the_contact_does_not() {
         // A margin of 1; a step within the contact, a gentle edge to the right, a steeper one below.
@@ -256,6 +357,7 @@ mod tests {
         let edge = ContactEdge::from_mask(&mask, &penetration, 1, [0.1, 0.2]).expect("an edge");
         // 0.4 mm over 0.2 mm down, 0.1 mm over 0.1 mm to the right.
         assert!((edge.slope - 2.0).abs() < 1e-6, "{edge:?}");
+        assert!((edge.gentle_slope, edge.wall_share) == (edge.slope, 0.0), "{edge:?}");
         // Four pixels of 0.1 mm x 0.2 mm, two sides of 0.2 mm and two of 0.1 mm.
         assert!((edge.area_over_perimeter_mm - 0.08 / (0.6 * std::f64::consts::FRAC_PI_4)).abs() < 1e-9, "{edge:?}");
         for without in [255, 0] {
@@ -279,7 +381,7 @@ mod tests {
     #[test]
     fn the_error_grows_with_depth_slope_and_width_and_is_not_known_beyond_what_was_fitted() {
         let known = |depth_mm, slope, area_over_perimeter_mm| {
-            model_error_mm(depth_mm, 3.0, ContactEdge { slope, area_over_perimeter_mm }, None)
+            model_error_mm(depth_mm, 3.0, disc(slope, area_over_perimeter_mm, depth_mm), None)
         };
         let of = |depth_mm, slope, width_mm| known(depth_mm, slope, width_mm).expect("within what was fitted");
         assert_eq!(of(0.0, 1.0, 1.0), 0.0);
@@ -297,7 +399,7 @@ mod tests {
     #[test]
     fn the_error_of_a_contact_that_slips_in_parts_is_the_larger_one() {
         for (slope, area_over_perimeter_mm) in [(0.3, 0.5), (100.0, 0.5), (0.3, 4.0), (100.0, 4.8)] {
-            let edge = ContactEdge { slope, area_over_perimeter_mm };
+            let edge = disc(slope, area_over_perimeter_mm, 0.6);
             let of = |friction| model_error_mm(0.6, 3.0, edge, friction).expect("within what was fitted");
             let [slides, sticks] = [of(None), of(Some(Friction::Stick))];
             assert_eq!(of(Some(Friction::Coulomb { coefficient: 0.5 })), slides.max(sticks));
@@ -307,7 +409,7 @@ mod tests {
 
     #[test]
     fn forces_grow_with_compression_and_width_and_are_linear_theory_s_without_either() {
-        let edge = |area_over_perimeter_mm| Some(ContactEdge { slope: 1.0, area_over_perimeter_mm });
+        let edge = |area_over_perimeter_mm| Some(disc(1.0, area_over_perimeter_mm, 0.5));
         assert_eq!(force_over_linear(0.0, 3.0, edge(1.0)), 1.0);
         assert_eq!(force_over_linear(0.5, 3.0, edge(0.0)), 1.0);
         let by_width = [edge(0.1), edge(1.0), edge(10.0), None].map(|edge| force_over_linear(0.5, 3.0, edge));

@@ -13,6 +13,9 @@ const REGULARISATION: f64 = 1e-7;
 /// Pressure counts as a displacement of this many thicknesses per shear modulus.
 const PRESSURE_WEIGHT: f64 = 0.1;
 
+/// Displacements of the contact's finer grid count less: there are more of them.
+const SURFACE_WEIGHT: f64 = 0.1;
+
 /// The last differences of states and residuals.
 pub struct Anderson {
     thickness_mm: f64,
@@ -41,7 +44,8 @@ impl Anderson {
     fn product(&self, a: &State, b: &State) -> f64 {
         let weight = (PRESSURE_WEIGHT * self.thickness_mm).powi(2);
         let moved: f64 = (0..3).map(|c| dot(&a.displacement[c], &b.displacement[c])).sum();
-        moved + weight * dot(&a.pressure, &b.pressure)
+        let surface: f64 = (0..3).map(|c| dot(&a.surface[c], &b.surface[c])).sum();
+        moved + SURFACE_WEIGHT * surface + weight * dot(&a.pressure, &b.pressure)
     }
 
     /// Returns the state to go on from, given a state and the one that the iteration makes of it.
@@ -110,14 +114,14 @@ fn solve_scaled(products: &[Vec<f64>], right: &[f64]) -> Option<Vec<f64>> {
     Some(x.iter().zip(&scale).map(|(x, scale)| x * scale).collect())
 }
 
-fn parts(state: &State) -> [&[f32]; 4] {
-    let [x, y, z] = &state.displacement;
-    [x, y, z, &state.pressure]
+fn parts(state: &State) -> [&[f32]; 7] {
+    let State { displacement: [x, y, z], pressure, surface: [a, b, c] } = state;
+    [x, y, z, pressure, a, b, c]
 }
 
-fn parts_mut(state: &mut State) -> [&mut [f32]; 4] {
-    let [x, y, z] = &mut state.displacement;
-    [x, y, z, &mut state.pressure]
+fn parts_mut(state: &mut State) -> [&mut [f32]; 7] {
+    let State { displacement: [x, y, z], pressure, surface: [a, b, c] } = state;
+    [x, y, z, pressure, a, b, c]
 }
 
 /// Returns a - b.

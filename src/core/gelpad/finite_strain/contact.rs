@@ -1,8 +1,12 @@
 //! Contact of the surface with a rigid object, within one step of the fixed point.
 //!
 //! The grid of the contact is finer than the box, and on it the surface has the exact compliance of the linear layer:
-//! u = u_free + S f, where u_free comes from the box. At each node that touches, the force is -p n with n the object's
-//! normal at the displaced node; p >= 0 and the gap along n is 0 where p > 0.
+//! u = u_free + S f, where u_free comes from the box. At each node p >= 0, and the gap along the object's normal at the
+//! displaced node is 0 where p > 0.
+//!
+//! The force is -p a, with a the normal of the rubber's surface as the box knows it. Under contact a is the object's
+//! normal, too. But the box is coarser: were forces to turn with the object's normal at each node, nothing in the box
+//! would turn with them, and under some shear moduli of pressure nodes would snap round an edge and back.
 
 use super::height_map::HeightMap;
 use super::layer::{BoxLayer, Matrix, PlaneSpectrum, inverse, multiply_matrix, times, times_i, times_minus_i};
@@ -13,6 +17,9 @@ use crate::gelpad::elastic::layer::ElasticLayer;
 
 /// Nodes of the contact's grid per node of the box.
 pub const REFINEMENT: usize = 3;
+
+/// Ratio of a crushed surface's area to that at rest, below which its normal fades.
+const SMALLEST_AREA: f32 = 0.1;
 
 /// Gap of nodes with nothing over them, mm.
 const FAR_MM: f32 = 1e3;
@@ -41,6 +48,8 @@ pub struct ContactGrid {
     buffers: LcpBuffers,
     /// Forces along the normals and the displacement under them.
     pressed: [Field; 2],
+    /// Forces by which the rubber's normals differ from the object's.
+    turned: Field,
 }
 
 /// A vector field on the contact's grid, row by row.
@@ -149,6 +158,7 @@ impl ContactGrid {
             box_forces: planes(coarse),
             buffers: LcpBuffers::default(),
             pressed: [0, 1].map(|_| [0, 1, 2].map(|_| vec![0.0; width * height])),
+            turned: [0, 1, 2].map(|_| vec![0.0; width * height]),
             transform,
         }
     }
@@ -239,24 +249,63 @@ impl ContactGrid {
         }
     }
 
-    /// Finds the pressures under which the surface does not enter the object, linearised about the guess.
+    /// Finds the pressures under which the surface does not enter the object, linearised about the guess. `box_surface`
+    /// is the displacement of the box's surface on this grid.
     pub fn solve(
         &mut self,
         (object, lifted_mm, region): (&HeightMap, f32, Rect),
-        free: &Field,
+        [free, box_surface]: [&Field; 2],
         ContactGuess { surface, force, pressure }: ContactGuess<'_>,
         tolerance_mm: f32,
     ) {
-        let conditions = self.linearise(object, lifted_mm, region, free, surface);
-        self.solve_conditions(&conditions, pressure, tolerance_mm);
-        for c in 0..3 {
-            for ((force, n), p) in force[c].iter_mut().zip(&conditions.normal[c]).zip(&*pressure) {
-                *force = -n * p;
+        let mut conditions = self.linearise(object, lifted_mm, region, free, surface);
+        // The problem is symmetric for forces along the object's normals; what the rubber's differ by is known from the
+        // pressure so far.
+        let mut turned = std::mem::take(&mut self.turned);
+        self.turn_to_rubber(&conditions.normal, pressure, region, box_surface, &mut turned);
+        self.displace(&turned, surface);
+        for (moved, normal) in surface.iter().zip(&conditions.normal) {
+            for ((overlap, moved), n) in conditions.overlap.iter_mut().zip(moved).zip(normal) {
+                *overlap += moved * n;
             }
         }
+        self.solve_conditions(&conditions, pressure, tolerance_mm);
+        for ((force, normal), turned) in force.iter_mut().zip(&conditions.normal).zip(&turned) {
+            for (((force, n), p), turned) in force.iter_mut().zip(normal).zip(&*pressure).zip(turned) {
+                *force = turned - n * p;
+            }
+        }
+        self.turned = turned;
         self.displace(force, surface);
         for (surface, free) in surface.iter_mut().zip(free) {
             surface.iter_mut().zip(free).for_each(|(sum, free)| *sum += free);
+        }
+    }
+
+    /// Writes the forces p (n - a) that take pressures from the object's normals n to the normals a of the box's surface.
+    fn turn_to_rubber(&self, normal: &Field, pressure: &[f32], region: Rect, box_surface: &Field, turned: &mut Field) {
+        let [width, height] = self.transform.size();
+        let per_mm = self.spacing_mm.map(|mm| (0.5 / mm) as f32);
+        turned.iter_mut().for_each(|part| part.fill(0.0));
+        for y in region.y0..region.y1 {
+            let [above, below] = [(y + height - 1) % height, (y + 1) % height].map(|y| y * width);
+            for x in region.x0..region.x1 {
+                let at = y * width + x;
+                if pressure[at] == 0.0 {
+                    continue;
+                }
+                let [left, right] = [(x + width - 1) % width, (x + 1) % width];
+                let row = y * width;
+                let [xx, yx, zx] =
+                    [0, 1, 2].map(|c| (box_surface[c][row + right] - box_surface[c][row + left]) * per_mm[0]);
+                let [xy, yy, zy] =
+                    [0, 1, 2].map(|c| (box_surface[c][below + x] - box_surface[c][above + x]) * per_mm[1]);
+                let area = [yx * zy - zx * (1.0 + yy), zx * xy - (1.0 + xx) * zy, (1.0 + xx) * (1.0 + yy) - xy * yx];
+                let length = area.iter().map(|a| a * a).sum::<f32>().sqrt().max(SMALLEST_AREA);
+                for c in 0..3 {
+                    turned[c][at] = pressure[at] * (normal[c][at] - area[c] / length);
+                }
+            }
         }
     }
 

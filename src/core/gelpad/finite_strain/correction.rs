@@ -3,7 +3,7 @@
 
 use super::StrainCorrection;
 use super::deformed::DeformedSurface;
-use super::height_map::{HeightMap, open_by_ball};
+use super::height_map::{HeightMap, SAMPLES, open_by_ball};
 use super::press::{PressOptions, RubberSolver};
 use super::settings::StrainSettings;
 use crate::base::grid::{Grid, Rect, bounding_box};
@@ -12,7 +12,7 @@ use crate::depth::Depth;
 use crate::effects::Requirement;
 use crate::gelpad::elastic::ElasticPad;
 use crate::gelpad::elastic::fft::fast_length;
-use crate::gelpad::elastic::model_error::{ContactEdge, model_error_mm};
+use crate::gelpad::elastic::model_error::{ContactEdge, WALL_SLOPE, model_error_mm};
 use crate::gelpad::elastic::placed::{GridPlacement, PlacedDisplacement};
 
 /// How thoroughly the rubber is solved.
@@ -22,9 +22,6 @@ struct Effort {
     tries: &'static [(f64, f64)],
     /// Layers of elements.
     layers: usize,
-    /// Depth up to which a press is one load step, and the load steps of deeper ones, thicknesses.
-    one_step: f64,
-    load_step: f64,
     /// Load steps of a pad that sticks, thicknesses: the shorter they are, the better it is known where points first
     /// touch.
     sticking_step: f64,
@@ -32,46 +29,29 @@ struct Effort {
     max_iterations: u32,
     /// Steps without progress after which a load step has failed.
     patience: u32,
-    /// True beside edges at which nodes may hop to and fro.
-    hops: bool,
 }
 
-/// For the model of its own under an object without walls.
-const SMOOTH: Effort = Effort {
-    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0)],
+/// For the model of its own.
+const THOROUGH: Effort = Effort {
+    tries: &[(10.0, 1.0 / 16.0), (8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0)],
     layers: 6,
-    one_step: 0.31,
-    load_step: 0.15,
     sticking_step: 0.05,
     max_iterations: 80,
     patience: 20,
-    hops: false,
 };
-/// For the model of its own beside walls. Either a try converges soon, or the edges are too sharp for it.
-const WALLS: Effort = Effort {
-    tries: &[(10.0, 1.0 / 12.0), (8.0, 1.0 / 8.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 4.0)],
-    max_iterations: 60,
-    patience: 12,
-    hops: true,
-    ..SMOOTH
-};
-/// The same for deep presses, in which a finer grid does not converge.
-const DEEP_WALLS: Effort =
-    Effort { tries: &[(8.0, 1.0 / 12.0), (8.0, 1.0 / 8.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 4.0)], ..WALLS };
+/// For deep presses beside walls along which the pad slides: a finer grid gains nothing there.
+const DEEP_WALLS: Effort = Effort { tries: &[(8.0, 1.0 / 16.0), (8.0, 1.0 / 8.0), (8.0, 1.0 / 4.0)], ..THOROUGH };
 /// For the correction of the elastic model.
 const CHEAP: Effort = Effort {
-    tries: &[(6.0, 1.0 / 12.0), (6.0, 1.0 / 6.0), (6.0, 1.0 / 3.0)],
-    layers: 5,
-    one_step: 0.5,
-    load_step: 0.5,
+    tries: &[(7.0, 1.0 / 8.0), (6.0, 1.0 / 6.0), (6.0, 1.0 / 3.0)],
+    layers: 4,
     sticking_step: 0.1,
-    max_iterations: 24,
+    max_iterations: 48,
     patience: 8,
-    hops: false,
 };
 
-/// Slope of the object at the contact's edge from which on it is a wall.
-const WALL_SLOPE: f64 = 3.0;
+/// Slope between pixels from which on they are taken for the two sides of a wall.
+const SMOOTH_SLOPE: f64 = 2.0;
 
 /// Depth from which on a press beside a wall is deep, thicknesses.
 const DEEP: f64 = 0.25;
@@ -88,15 +68,19 @@ const FEWEST_NODES: f64 = 4.0;
 /// How far around the object's lower parts nodes may touch it, thicknesses: so far a node may move.
 const REACH: f64 = 0.3;
 
-/// Share of the tolerance below which the linear layer's expected error is negligible: the law for it is right within a
-/// factor of two.
-const NEGLIGIBLE_SHARE: f64 = 0.4;
+/// Share of the tolerance below which the linear layer's expected error is negligible, under smooth edges and beside
+/// walls. The law for it is right within a factor of two in the ring around the contact; at single pixels beside walls
+/// the error is several times larger.
+const NEGLIGIBLE_SHARES: [f64; 2] = [0.3, 0.1];
 
 /// Share of the linear layer's largest error that is left, as a rule: where edges are hardly rounded, and where they
-/// are rounded by more than `SHARP` thicknesses. In half of 109 presses of the finite elements' table it is less than
-/// 0.39, in nine of ten less than 1.25.
+/// are rounded by more than `SHARP` thicknesses. In half of 116 presses of the finite elements' table it is less than
+/// 0.37, in nine of ten less than 1.5.
 const ERROR_SHARES: [f64; 2] = [0.4, 0.7];
 const SHARP: f64 = 0.1;
+
+/// Largest radius by which edges are rounded, as a share of the depth: shallow tips are not to vanish.
+const MOST_OPENED: f64 = 0.5;
 
 /// Least share of the object's volume below the undeformed pad that must be left when its edges are rounded.
 const LEAST_KEPT: f64 = 0.5;
@@ -132,7 +116,8 @@ impl ElasticPad {
         if self.node_spacing_mm(touching, &settings, nodes).is_none() {
             return Requirement::Absent(TOO_WIDE);
         }
-        if self.expected_error_mm(depth, edge) < 1e-3 * NEGLIGIBLE_SHARE * settings.tolerance_um {
+        let negligible_um = NEGLIGIBLE_SHARES[usize::from(is_wall(edge))] * settings.tolerance_um;
+        if self.expected_error_mm(depth, edge) < 1e-3 * negligible_um {
             return Requirement::Unneeded(WITHIN_TOLERANCE);
         }
         Requirement::Needed("large strains change the surface")
@@ -166,11 +151,11 @@ impl ElasticPad {
     }
 
     fn effort(&self, depth: &Depth, edge: Option<ContactEdge>, settings: &StrainSettings) -> &'static Effort {
+        let deep = f64::from(depth.deepest_mm) >= DEEP * self.layer().thickness_mm;
         match settings.thorough {
             false => &CHEAP,
-            true if edge.is_none_or(|edge| edge.slope < WALL_SLOPE) => &SMOOTH,
-            true if f64::from(depth.deepest_mm) < DEEP * self.layer().thickness_mm => &WALLS,
-            true => &DEEP_WALLS,
+            true if is_wall(edge) && deep && !settings.stick => &DEEP_WALLS,
+            true => &THOROUGH,
         }
     }
 
@@ -206,7 +191,9 @@ impl ElasticPad {
                 last_spacing_mm = spacing_mm;
             }
             let solver = solver.get_or_insert_with(|| self.prepare_box(depth.touching, spacing_mm, effort.layers));
-            match self.try_opened(depth, solver, opening * self.layer().thickness_mm, (&settings, effort)) {
+            let most_mm = MOST_OPENED * f64::from(depth.penetration.largest(|mm| mm));
+            let opened_mm = (opening * self.layer().thickness_mm).min(most_mm);
+            match self.try_opened(depth, solver, opened_mm, (&settings, effort)) {
                 Try::Solved(found) => {
                     return Ok(StrainCorrection { iterations: iterations + found.iterations, ..*found });
                 }
@@ -239,11 +226,14 @@ impl ElasticPad {
         let middle_px = [0.5 * (touching.x0 + touching.x1) as f64, 0.5 * (touching.y0 + touching.y1) as f64];
         let first_px: [f64; 2] =
             std::array::from_fn(|k| middle_px[k] - (nodes[k] / 2) as f64 * node_mm[k] / mm_per_px[k] - 0.5);
-        let step_px = std::array::from_fn(|k| node_mm[k] / mm_per_px[k]);
-        let captured = sample_window(penetration, nodes, first_px, step_px);
-        let opened = open_by_ball(&captured, node_mm, opened_mm);
+        let smooth_mm = mm_per_px.map(|mm| (SMOOTH_SLOPE * mm) as f32);
+        let sample_mm = node_mm.map(|mm| mm / SAMPLES as f64);
+        let step_px = std::array::from_fn(|k| sample_mm[k] / mm_per_px[k]);
+        let captured = sample_window(penetration, nodes.map(|nodes| nodes * SAMPLES), first_px, step_px, smooth_mm);
+        let opened = open_by_ball(&captured, sample_mm, opened_mm);
         let nothing = opened.data.iter().copied().fold(f32::INFINITY, f32::min);
-        let region = bounding_box(&opened, |g| g > nothing);
+        let Rect { x0, y0, x1, y1 } = bounding_box(&opened, |g| g > nothing);
+        let region = Rect { x0: x0 / SAMPLES, y0: y0 / SAMPLES, x1: x1.div_ceil(SAMPLES), y1: y1.div_ceil(SAMPLES) };
         let volume = |object: &Grid<f32>| object.data.iter().map(|g| f64::from(g.max(0.0))).sum::<f64>();
         if volume(&opened) < LEAST_KEPT * volume(&captured) || opened.largest(|g| g) <= 0.0 {
             return Try::TooLittleLeft;
@@ -257,14 +247,12 @@ impl ElasticPad {
             region: region.grown(reach, nodes[0], nodes[1]),
             contact_mm: libm::sqrt(f64::from(touching_px) * mm_per_px[0] * mm_per_px[1]),
             tolerance_mm: 1e-3 * settings.tolerance_um,
-            max_iterations: effort.max_iterations * if settings.stick { 3 } else { 1 },
+            max_iterations: effort.max_iterations,
             patience: effort.patience,
-            hops: effort.hops,
-            load_step_mm: h * if settings.stick { effort.sticking_step } else { effort.load_step },
-            one_step_mm: if settings.stick { 0.0 } else { effort.one_step * h },
+            load_step_mm: if settings.stick { effort.sticking_step * h } else { f64::INFINITY },
             stick: settings.stick,
         };
-        let press = solver.press(&HeightMap::new(opened, node_mm), &options);
+        let press = solver.press(&HeightMap::new(opened, sample_mm), &options);
         if !press.converged {
             return Try::Failed(press.iterations);
         }
@@ -290,6 +278,10 @@ impl ElasticPad {
     }
 }
 
+fn is_wall(edge: Option<ContactEdge>) -> bool {
+    edge.is_some_and(|edge| edge.slope >= WALL_SLOPE)
+}
+
 /// Outcome of one try.
 enum Try {
     Solved(Box<StrainCorrection>),
@@ -299,27 +291,40 @@ enum Try {
     TooLittleLeft,
 }
 
-/// Samples the captured object at nodes, by straight lines; beyond the window there is nothing.
-fn sample_window(penetration: &Grid<f32>, nodes: [usize; 2], first_px: [f64; 2], step_px: [f64; 2]) -> Grid<f32> {
+/// Samples the captured object by straight lines; beyond the window there is nothing.
+fn sample_window(
+    penetration: &Grid<f32>,
+    samples: [usize; 2],
+    first_px: [f64; 2],
+    step_px: [f64; 2],
+    smooth_mm: [f32; 2],
+) -> Grid<f32> {
     let nothing = penetration.data.iter().copied().fold(f32::INFINITY, f32::min);
     let taps = |k: usize, size: usize| -> Vec<Option<(usize, f32)>> {
-        let place = |node: usize| first_px[k] + node as f64 * step_px[k];
+        let place = |sample: usize| first_px[k] + sample as f64 * step_px[k];
         let tap =
             |place: f64| (0.0..(size - 1) as f64).contains(&place).then(|| (place as usize, place.fract() as f32));
-        (0..nodes[k]).map(|node| tap(place(node))).collect()
+        (0..samples[k]).map(|sample| tap(place(sample))).collect()
     };
     let (columns, rows) = (taps(0, penetration.width), taps(1, penetration.height));
-    let mut sampled = Grid::new(nodes[0], nodes[1]);
+    let mut sampled = Grid::new(samples[0], samples[1]);
     sampled.data.fill(nothing);
     for (y, row) in rows.iter().enumerate() {
         let Some((above, s)) = row else { continue };
         let (upper, lower) = (penetration.row(*above), penetration.row(above + 1));
         for (to, column) in sampled.row_mut(y).iter_mut().zip(&columns) {
             let Some((left, t)) = column else { continue };
-            let line = |row: &[f32]| row[*left] + t * (row[left + 1] - row[*left]);
-            let (upper, lower) = (line(upper), line(lower));
-            *to = upper + s * (lower - upper);
+            let line = |row: &[f32]| interpolate(row[*left], row[left + 1], *t, smooth_mm[0]);
+            *to = interpolate(line(upper), line(lower), *s, smooth_mm[1]);
         }
     }
     sampled
+}
+
+/// Interpolates by a straight line; a step of more than `smooth_mm` becomes a wall half-way.
+fn interpolate(from: f32, to: f32, share: f32, smooth_mm: f32) -> f32 {
+    let steepness = ((to - from).abs() / smooth_mm).max(1.0);
+    let share = (0.5 + steepness * (share - 0.5)).clamp(0.0, 1.0);
+    // Exact at both ends: where there is nothing, nothing is found.
+    (1.0 - share) * from + share * to
 }

@@ -30,6 +30,8 @@ pub struct State {
     pub displacement: [Vec<f32>; 3],
     /// Pressure over the shear modulus, positive in tension.
     pub pressure: Vec<f32>,
+    /// Displacement of the nodes that may touch on the contact's finer grid, mm. Empty without a contact.
+    pub surface: [Vec<f32>; 3],
 }
 
 impl ElementGrid {
@@ -43,10 +45,10 @@ impl ElementGrid {
         self.heights_mm.len()
     }
 
-    /// Returns the state at rest.
+    /// Returns the state at rest, without a contact.
     pub fn rest(&self) -> State {
         let zeros = || vec![0.0; self.plane() * self.layers()];
-        State { displacement: [zeros(), zeros(), zeros()], pressure: zeros() }
+        State { displacement: [zeros(), zeros(), zeros()], pressure: zeros(), surface: Default::default() }
     }
 
     /// Writes what the forces of a state lack to those of the linear layer, and its volumes to the linear ones. Returns

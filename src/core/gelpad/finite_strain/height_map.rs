@@ -1,9 +1,12 @@
 //! The object over the contact's grid, smooth enough to have a slope everywhere.
 
-use crate::base::grid::Grid;
+use crate::base::grid::{Grid, Rect, bounding_box};
 
-/// Heights at the nodes of the contact's grid: how far the object reaches below the undeformed surface, mm. Between the
-/// nodes it is a quadratic B-spline, whose slope is continuous and which does not overshoot.
+/// Samples of the object between neighbouring nodes of the contact's grid: it has walls sharper than the grid.
+pub const SAMPLES: usize = 4;
+
+/// Samples of how far the object reaches below the undeformed surface, mm. Between them it is a quadratic B-spline, whose
+/// slope is continuous and which does not overshoot.
 pub struct HeightMap {
     heights_mm: Grid<f32>,
     spacing_mm: [f64; 2],
@@ -17,15 +20,17 @@ pub struct HeightAndSlope {
 }
 
 impl HeightMap {
+    /// Takes samples `spacing_mm` apart.
     pub fn new(heights_mm: Grid<f32>, spacing_mm: [f64; 2]) -> Self {
         Self { heights_mm, spacing_mm }
     }
 
-    /// Returns the object's height and slope at a place in nodes; outside the map they are those at its border.
+    /// Returns the object's height and slope at a place in nodes of the contact's grid; outside the map they are those
+    /// at its border.
     pub fn at(&self, place: [f32; 2]) -> HeightAndSlope {
         let size = [self.heights_mm.width, self.heights_mm.height];
         let tap = |k: usize| {
-            let place = place[k].clamp(0.0, (size[k] - 1) as f32);
+            let place = (place[k] * SAMPLES as f32).clamp(0.0, (size[k] - 1) as f32);
             let nearest = (place + 0.5) as usize;
             let t = place - nearest as f32;
             let weights = [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)];
@@ -67,7 +72,13 @@ pub fn open_by_ball(heights_mm: &Grid<f32>, spacing_mm: [f64; 2], radius_mm: f64
             }
         }
     }
-    let (width, height) = (heights_mm.width as isize, heights_mm.height as isize);
+    // Where there is nothing, nothing is left.
+    let nothing = heights_mm.data.iter().copied().fold(f32::INFINITY, f32::min);
+    let room = reach.map(|reach| reach as usize + 1);
+    let whole = Rect::whole(heights_mm.width, heights_mm.height);
+    let part = bounding_box(heights_mm, |height| height > nothing).grown(room[0].max(room[1]), whole.x1, whole.y1);
+    let object = heights_mm.crop(part);
+    let (width, height) = (object.width as isize, object.height as isize);
     let combine = |from: &Grid<f32>, start: f32, sign: f32, better: fn(f32, f32) -> f32| {
         let mut to = Grid::new(from.width, from.height);
         to.data.fill(start);
@@ -85,6 +96,8 @@ pub fn open_by_ball(heights_mm: &Grid<f32>, spacing_mm: [f64; 2], radius_mm: f64
         to
     };
     // The deepest that the ball's lowest point gets at each node, and then what the ball covers from there.
-    let lowest = combine(heights_mm, f32::INFINITY, 1.0, f32::min);
-    combine(&lowest, f32::NEG_INFINITY, -1.0, f32::max)
+    let lowest = combine(&object, f32::INFINITY, 1.0, f32::min);
+    let mut opened = heights_mm.clone();
+    opened.paste(&combine(&lowest, f32::NEG_INFINITY, -1.0, f32::max), part, whole);
+    opened
 }

@@ -150,6 +150,17 @@ impl BoxLayer {
         std::array::from_fn(|r| std::array::from_fn(|c| f64::from(pivot[(r * 3 + c) * count + at])))
     }
 
+    /// Returns the displacement of a state's surface, as (ux, uy, -i uz).
+    pub fn surface_of(&mut self, state: &State) -> &PlaneSpectrum {
+        let (plane, layers) = (self.grid.plane(), self.grid.layers());
+        let surface = |c: usize| &state.displacement[c][(layers - 1) * plane..][..plane];
+        let [x, y, z] = &mut self.top;
+        self.transform.forward([surface(0), surface(1)], [x, y]);
+        self.transform.forward_one(surface(2), z);
+        times_minus_i(z);
+        &self.top
+    }
+
     /// Takes what a state lacks to the linear layer ([`ElementGrid::remainder`]) and eliminates up to the surface.
     /// Returns the displacement that the surface would have without forces on it, as (ux, uy, -i uz).
     pub fn eliminate(&mut self, state: &State, remainder: &State) -> &PlaneSpectrum {
@@ -165,11 +176,7 @@ impl BoxLayer {
             // -i conj(phase) g.
             rotate(volumes, &self.phase, |[re, im], [cos, sin]| [im * cos - re * sin, -re * cos - im * sin]);
         }
-        let surface = |c: usize| &state.displacement[c][(layers - 1) * plane..][..plane];
-        let [x, y, z] = &mut self.top;
-        self.transform.forward([surface(0), surface(1)], [x, y]);
-        self.transform.forward_one(surface(2), z);
-        times_minus_i(z);
+        self.surface_of(state);
         let [x, y, z] = &self.top;
         let [force_x, force_y, force_z] = &mut self.forces[layers - 1];
         for (along, (force, moved)) in self.facets.iter().zip([(force_x, x), (force_y, y)]) {
@@ -234,7 +241,7 @@ impl BoxLayer {
             rotate(volumes, &self.phase, |[re, im], [cos, sin]| [-re * sin - im * cos, re * cos - im * sin]);
         }
         for k in 0..layers {
-            let State { displacement: [x, y, z], pressure } = state;
+            let State { displacement: [x, y, z], pressure, .. } = state;
             let part = k * plane..(k + 1) * plane;
             let [from_x, from_y, from_z] = &mut self.forces[k];
             times_i(from_z);

@@ -1,14 +1,14 @@
 //! The pad as rubber at finite strain (neo-Hookean, nearly incompressible), as a correction of the linear layer.
 //!
-//! The rubber is solved in a box around the contact, on a grid that is coarse beside the camera's ([`press`]). What it
-//! adds to the linear layer under the same pressure is smooth, and is interpolated ([`deformed`]). On the camera's grid
+//! The rubber is solved in a box around the contact, on a grid that is coarse beside the camera's (`press`). What it
+//! adds to the linear layer under the same pressure is smooth, and is interpolated (`deformed`). On the camera's grid
 //! the press is then the linear layer's, on a pad that this difference has already displaced: the contact, the surface
-//! and the pressure stay as sharp as the object is ([`correction`]).
+//! and the pressure stay as sharp as the object is (`correction`).
 //!
-//! - [`element`]: the rubber itself, hexahedra with one pressure each;
-//! - [`layer`]: the linear layer of the same elements, by Fourier transforms ([`spectrum`]), as the preconditioner;
-//! - [`contact`]: contact on the surface, under an object with slopes ([`height_map`]);
-//! - [`anderson`]: acceleration of the fixed point.
+//! - `element`: the rubber itself, hexahedra with one pressure each;
+//! - `layer`: the linear layer of the same elements, by Fourier transforms (`spectrum`), as the preconditioner;
+//! - `contact`: contact on the surface, under an object with slopes (`height_map`);
+//! - `anderson`: acceleration of the fixed point.
 
 use super::elastic::placed::PlacedDisplacement;
 

@@ -1,8 +1,8 @@
 //! The rubber layer under an object: load steps, each a fixed point of the linear layer with what rubber adds.
 //!
 //! A step takes the state, computes what its forces lack to the linear layer's, solves the contact on the displacement
-//! that this leaves the surface, and solves the linear layer under the contact's forces. Anderson's acceleration makes
-//! that converge in some ten steps, whatever the grid.
+//! that this leaves the surface, and solves the linear layer under the contact's forces. Anderson's acceleration of all
+//! of it, with the places where the contact is linearised, makes that converge in some ten steps, whatever the grid.
 
 use super::anderson::{Anderson, add_scaled, subtract};
 use super::contact::{ContactGrid, ContactGuess, Field, REFINEMENT};
@@ -46,11 +46,8 @@ pub struct PressOptions {
     pub max_iterations: u32,
     /// Steps without progress after which a load step has failed.
     pub patience: u32,
-    /// True beside edges at which nodes hop to and fro for long: the acceleration begins anew whenever damping changes.
-    pub hops: bool,
-    /// Largest load step, mm, of presses deeper than `one_step_mm`. Where a step fails, halves of it are tried.
+    /// Largest load step, mm. Where a step fails, halves of it are tried.
     pub load_step_mm: f64,
-    pub one_step_mm: f64,
     /// True if points of the surface stay where they first touch the object.
     pub stick: bool,
 }
@@ -64,11 +61,6 @@ const SMALLEST_STEP: f64 = 0.06;
 /// Change of the surface that is accepted before the last load step, mm: where points slide, and where they stay where
 /// that load step leaves them.
 const INTERMEDIATE_MM: [f64; 2] = [0.02, 0.003];
-
-/// Steps without progress from which on the contact is linearised between the last place and the new one, and those
-/// after which it gets closer to the last.
-const FREE_WAIT: u32 = 2;
-const LONG_WAIT: u32 = 8;
 
 /// An object at one depth.
 struct LoadStep<'a> {
@@ -85,6 +77,7 @@ struct LoadStep<'a> {
 struct Level {
     depth_mm: f64,
     state: State,
+    /// All of the surface on the contact's grid, of which the state has the nodes that may touch.
     surface: Field,
     /// Force of the nodes along the object's normal; 0 where they stick.
     pressure: Vec<f32>,
@@ -122,7 +115,7 @@ impl RubberSolver {
         self.contact.prepare_inverse(self.pad, options.contact_mm);
         let mut reached = Level {
             depth_mm: 0.0,
-            state: self.layer.grid.rest(),
+            state: State { surface: [0, 1, 2].map(|_| vec![0.0; options.region.area()]), ..self.layer.grid.rest() },
             surface: self.contact.zeros(),
             pressure: vec![0.0; self.contact.nodes()],
             force: self.contact.zeros(),
@@ -130,7 +123,7 @@ impl RubberSolver {
         let mut anchors = options.stick.then(|| [0, 1].map(|_| vec![0.0; self.contact.nodes()]));
         let mut before: Option<Level> = None;
         let thickness_mm = self.pad.thickness_mm;
-        let mut step = if deepest <= options.one_step_mm { deepest } else { options.load_step_mm };
+        let mut step = options.load_step_mm.min(deepest);
         let mut press = RubberPress {
             surface: self.contact.zeros(),
             force: self.contact.zeros(),
@@ -147,12 +140,6 @@ impl RubberSolver {
                 // Straight on from the last two load steps.
                 let ahead = (depth_mm - reached.depth_mm) / (reached.depth_mm - before.depth_mm);
                 add_scaled(&mut next.state, &subtract(&reached.state, &before.state), ahead as f32);
-                for c in 0..3 {
-                    for ((to, now), then) in next.surface[c].iter_mut().zip(&reached.surface[c]).zip(&before.surface[c])
-                    {
-                        *to += ahead as f32 * (now - then);
-                    }
-                }
             }
             acceleration.jump();
             let is_last = depth_mm == deepest;
@@ -222,25 +209,35 @@ impl RubberSolver {
     ) -> bool {
         let mut remainder = self.layer.grid.rest();
         let mut image = self.layer.grid.rest();
-        let mut free = self.contact.zeros();
-        let (mut best, mut waited, mut last) = (f64::INFINITY, 0, f64::INFINITY);
+        let [mut free, mut box_surface] = [0, 1].map(|_| self.contact.zeros());
+        let width = self.contact_size()[0];
+        let (mut best, mut waited, mut last) = (f64::INFINITY, 0, level.depth_mm);
         while press.iterations < options.max_iterations {
             press.iterations += 1;
             let smallest = self.layer.grid.remainder(&level.state, &mut remainder);
             if smallest <= 0.0 {
                 return false;
             }
+            if load.anchors.is_none() {
+                let surface = self.layer.surface_of(&level.state);
+                self.contact.refine(surface, &mut box_surface);
+            }
             let surface = self.layer.eliminate(&level.state, &remainder);
             self.contact.refine(surface, &mut free);
-            let old = level.surface.clone();
-            // No closer than the step's own change is worth.
-            let closeness = (0.1 * load.tolerance_mm).max((0.03 * last).min(0.01 * self.pad.thickness_mm));
+            for (whole, part) in level.surface.iter_mut().zip(&level.state.surface) {
+                paste_part(part, whole, width, options.region);
+            }
+            // No closer than the step's own change is worth; the first changes the surface by as much as it is deep.
+            let closeness = (0.1 * load.tolerance_mm).max(0.03 * last);
             let Level { surface, force, pressure, .. } = &mut *level;
             let guess = ContactGuess { surface, force, pressure };
-            let (place, free) = ((load.object, load.lifted_mm, options.region), &free);
+            let place = (load.object, load.lifted_mm, options.region);
             match load.anchors {
-                None => self.contact.solve(place, free, guess, closeness as f32),
-                Some(anchors) => self.contact.solve_sticking(place, free, anchors, guess, closeness as f32),
+                None => self.contact.solve(place, [&free, &box_surface], guess, closeness as f32),
+                Some(anchors) => self.contact.solve_sticking(place, &free, anchors, guess, closeness as f32),
+            }
+            for (whole, part) in level.surface.iter().zip(&mut image.surface) {
+                *part = take_part(whole, width, options.region);
             }
             let force = self.contact.coarsen(&level.force);
             self.layer.substitute(force, &mut image);
@@ -249,7 +246,7 @@ impl RubberSolver {
             let tops = image.displacement.iter().zip(&level.state.displacement);
             let change = tops
                 .map(|(now, then)| largest_difference(&now[top..], &then[top..]))
-                .chain(level.surface.iter().zip(&old).map(|(now, then)| largest_difference(now, then)))
+                .chain(image.surface.iter().zip(&level.state.surface).map(|(now, then)| largest_difference(now, then)))
                 .fold(0.0, f32::max);
             last = f64::from(change);
             press.residual_mm = last;
@@ -268,18 +265,6 @@ impl RubberSolver {
                     return false;
                 }
             }
-            // At a sharp edge nodes may hop from one side to the other and back. Where the contact is linearised, they
-            // then go only a part of the way.
-            let share = if waited < FREE_WAIT { 1.0 } else { 0.5_f32.powi(1 + (waited / LONG_WAIT) as i32) };
-            if share < 1.0 {
-                for (now, then) in level.surface.iter_mut().zip(&old) {
-                    now.iter_mut().zip(then).for_each(|(now, then)| *now = then + share * (*now - then));
-                }
-            }
-            if options.hops && waited > 0 && (waited == FREE_WAIT || waited % LONG_WAIT == 0) {
-                // What was learned with another share misleads.
-                acceleration.forget();
-            }
             let next = acceleration.next(&level.state, image.clone());
             // A step that would move anything by a third of the pad is cut.
             let moved = next.displacement.iter().zip(&level.state.displacement);
@@ -293,6 +278,18 @@ impl RubberSolver {
             }
         }
         false
+    }
+}
+
+/// Returns a part of a grid with `width` columns, row by row.
+fn take_part(whole: &[f32], width: usize, part: Rect) -> Vec<f32> {
+    (part.y0..part.y1).flat_map(|y| &whole[y * width..][part.x0..part.x1]).copied().collect()
+}
+
+/// Writes what [`take_part`] took.
+fn paste_part(values: &[f32], whole: &mut [f32], width: usize, part: Rect) {
+    for (y, row) in (part.y0..part.y1).zip(values.chunks(part.width().max(1))) {
+        whole[y * width..][part.x0..part.x1].copy_from_slice(row);
     }
 }
 

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use super::anderson::Anderson;
 use super::contact::ContactGrid;
 use super::element::{ElementGrid, State};
-use super::height_map::{HeightMap, open_by_ball};
+use super::height_map::{HeightMap, SAMPLES, open_by_ball};
 use super::layer::{BoxLayer, inverse};
 use super::spectrum::HalfSpectrum;
 use crate::base::grid::Grid;
@@ -22,7 +22,7 @@ fn grid() -> ElementGrid {
 fn random_state(grid: &ElementGrid, size: f32, seed: u64) -> State {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut state = grid.rest();
-    let State { displacement: [x, y, z], pressure } = &mut state;
+    let State { displacement: [x, y, z], pressure, .. } = &mut state;
     for part in [x, y, z, pressure] {
         part.iter_mut().for_each(|value| *value = random.random_range(-size..size));
     }
@@ -188,7 +188,7 @@ fn acceleration_solves_a_linear_iteration_in_as_many_steps_as_it_has_rates() {
     let mut acceleration = Anderson::new(1.0);
     for _ in 0..8 {
         let mut image = state.clone();
-        let State { displacement: [x, y, z], pressure } = &mut image;
+        let State { displacement: [x, y, z], pressure, .. } = &mut image;
         for (part, rate) in [x, y, z, pressure].into_iter().zip(rates) {
             part.iter_mut().for_each(|value| *value = 1.0 + rate * (*value - 1.0));
         }
@@ -231,12 +231,13 @@ fn a_height_map_s_slope_is_the_derivative_of_its_height() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut heights = Grid::new(12, 9);
     heights.data.iter_mut().for_each(|height| *height = random.random_range(-0.5..0.5_f32));
+    let samples = SAMPLES as f32;
     let map = HeightMap::new(heights, [0.25, 0.5]);
     for _ in 0..200 {
-        let place: [f32; 2] = [random.random_range(1.0..10.0), random.random_range(1.0..7.0)];
+        let place: [f32; 2] = [random.random_range(1.0..10.0) / samples, random.random_range(1.0..7.0) / samples];
         let here = map.at(place);
         for k in 0..2 {
-            let [below, above] = [-0.01, 0.01].map(|step| {
+            let [below, above] = [-0.01 / samples, 0.01 / samples].map(|step| {
                 let mut moved = place;
                 moved[k] += step;
                 map.at(moved).height_mm
