@@ -4,7 +4,7 @@ Renders samples of configs/quickstart.toml at 320x240 px at the levels `high` an
 surfaces within 2 mm outside both contacts is the error of linear theory; `numerics.model_error_um` of `high` should be within a
 factor of two of it. Prints, by object, the share of samples in which it is, and quantiles of the label's error over the true one.
 Errors under 1 um do not count, nor do samples in which finite strain was not solved for, or only with rounded edges, or in which the
-label knows no error. Needs numpy; three minutes for a seed on two cores. The law was fitted to finite elements, not to these.
+label knows no error. Needs numpy; three minutes for a seed on two cores. The law was fitted to finite elements, and how it counts walls to seed 1.
 """
 
 import json

@@ -21,6 +21,9 @@ pub const REFINEMENT: usize = 3;
 /// Ratio of a crushed surface's area to that at rest, below which its normal fades.
 const SMALLEST_AREA: f32 = 0.1;
 
+/// Gap from which on a node counts as free for the step, nodes.
+const APART_NODES: f64 = 2.0;
+
 /// Gap of nodes with nothing over them, mm.
 const FAR_MM: f32 = 1e3;
 
@@ -435,12 +438,16 @@ impl ContactGrid {
         let mut normal = self.zeros();
         normal[2].fill(1.0);
         let mut overlap = vec![-FAR_MM; self.nodes()];
+        let apart_mm = (APART_NODES * self.spacing_mm[0].max(self.spacing_mm[1])) as f32;
         let per_mm = self.spacing_mm.map(|mm| (1.0 / mm) as f32);
         for y in region.y0..region.y1 {
             for x in region.x0..region.x1 {
                 let at = y * width + x;
                 let moved = [0, 1, 2].map(|c| surface[c][at]);
                 let place = [x as f32 + moved[0] * per_mm[0], y as f32 + moved[1] * per_mm[1]];
+                if moved[2] + object.at_most_mm(place) < lifted_mm - apart_mm {
+                    continue;
+                }
                 let here = object.at(place);
                 let [a, b] = here.slope;
                 let scale = 1.0 / (a * a + b * b + 1.0).sqrt();

@@ -3,7 +3,7 @@
 
 use super::StrainCorrection;
 use super::deformed::DeformedSurface;
-use super::height_map::{HeightMap, SAMPLES, open_by_ball};
+use super::height_map::{HeightMap, open_by_ball};
 use super::press::{PressOptions, RubberSolver};
 use super::settings::StrainSettings;
 use crate::base::grid::{Grid, Rect, bounding_box};
@@ -22,6 +22,10 @@ struct Effort {
     tries: &'static [(f64, f64)],
     /// Layers of elements.
     layers: usize,
+    /// Room between the contact and the box's border, thicknesses.
+    room: f64,
+    /// Samples of the object from one node of the contact's grid to the next: it has walls sharper than that grid.
+    samples: usize,
     /// Load steps of a pad that sticks, thicknesses: the shorter they are, the better it is known where points first
     /// touch.
     sticking_step: f64,
@@ -33,18 +37,23 @@ struct Effort {
 
 /// For the model of its own.
 const THOROUGH: Effort = Effort {
-    tries: &[(10.0, 1.0 / 16.0), (8.0, 1.0 / 12.0), (8.0, 1.0 / 6.0)],
+    tries: &[(10.0, 1.0 / 16.0), (8.0, 1.0 / 11.0), (8.0, 1.0 / 4.0)],
     layers: 6,
+    room: 2.5,
+    samples: 4,
     sticking_step: 0.05,
     max_iterations: 80,
-    patience: 20,
+    patience: 12,
 };
 /// For deep presses beside walls along which the pad slides: a finer grid gains nothing there.
-const DEEP_WALLS: Effort = Effort { tries: &[(8.0, 1.0 / 16.0), (8.0, 1.0 / 8.0), (8.0, 1.0 / 4.0)], ..THOROUGH };
+const DEEP_WALLS: Effort =
+    Effort { tries: &[(8.0, 1.0 / 16.0), (8.0, 1.0 / 11.0), (8.0, 1.0 / 6.0), (8.0, 1.0 / 4.0)], ..THOROUGH };
 /// For the correction of the elastic model.
 const CHEAP: Effort = Effort {
     tries: &[(7.0, 1.0 / 8.0), (6.0, 1.0 / 6.0), (6.0, 1.0 / 3.0)],
     layers: 4,
+    room: 2.0,
+    samples: 2,
     sticking_step: 0.1,
     max_iterations: 48,
     patience: 8,
@@ -56,11 +65,9 @@ const SMOOTH_SLOPE: f64 = 2.0;
 /// Depth from which on a press beside a wall is deep, thicknesses.
 const DEEP: f64 = 0.25;
 
-/// Room between the contact and the box's border, thicknesses.
-const ROOM: f64 = 2.5;
-
-/// Most nodes along a side of the box.
+/// Most nodes along a side of the box, and with a distance between them that the job says.
 const MOST_NODES: f64 = 128.0;
+const MOST_OWN_NODES: f64 = 320.0;
 
 /// Fewest nodes per thickness, where a contact is wide.
 const FEWEST_NODES: f64 = 4.0;
@@ -112,8 +119,9 @@ impl ElasticPad {
             return Requirement::Absent(WITHIN_TOLERANCE);
         }
         let edge = self.overlap_edge(depth);
-        let (nodes, _) = self.effort(depth, edge, &settings).tries[0];
-        if self.node_spacing_mm(touching, &settings, nodes).is_none() {
+        let effort = self.effort(depth, edge, &settings);
+        let (nodes, _) = effort.tries[0];
+        if self.node_spacing_mm(touching, &settings, nodes, effort.room).is_none() {
             return Requirement::Absent(TOO_WIDE);
         }
         let negligible_um = NEGLIGIBLE_SHARES[usize::from(is_wall(edge))] * settings.tolerance_um;
@@ -161,12 +169,17 @@ impl ElasticPad {
 
     /// Returns the distance between the nodes of the box, mm, `nodes` for each thickness unless the job says another;
     /// `None` if the contact is too wide for a box.
-    fn node_spacing_mm(&self, touching: Rect, settings: &StrainSettings, nodes: f64) -> Option<f64> {
+    fn node_spacing_mm(&self, touching: Rect, settings: &StrainSettings, nodes: f64, room: f64) -> Option<f64> {
         let h = self.layer().thickness_mm;
-        let wanted_mm = settings.spacing_mm.unwrap_or(h / nodes);
         let sides_mm = self.sides_mm(touching);
-        let spacing_mm = wanted_mm.max((sides_mm[0].max(sides_mm[1]) + 2.0 * ROOM * h) / MOST_NODES);
-        (spacing_mm <= wanted_mm.max(h / FEWEST_NODES)).then_some(spacing_mm)
+        let side_mm = sides_mm[0].max(sides_mm[1]) + 2.0 * room * h;
+        match settings.spacing_mm {
+            Some(own_mm) => (side_mm <= own_mm * MOST_OWN_NODES).then_some(own_mm),
+            None => {
+                let spacing_mm = (h / nodes).max(side_mm / MOST_NODES);
+                (spacing_mm <= h / FEWEST_NODES).then_some(spacing_mm)
+            }
+        }
     }
 
     fn sides_mm(&self, touching: Rect) -> [f64; 2] {
@@ -185,12 +198,12 @@ impl ElasticPad {
         let (mut solver, mut last_spacing_mm) = (None, 0.0);
         let mut iterations = 0;
         for (nodes, opening) in effort.tries {
-            let spacing_mm = self.node_spacing_mm(depth.touching, &settings, *nodes).ok_or(TOO_WIDE)?;
+            let spacing_mm = self.node_spacing_mm(depth.touching, &settings, *nodes, effort.room).ok_or(TOO_WIDE)?;
             if spacing_mm != last_spacing_mm {
                 solver = None;
                 last_spacing_mm = spacing_mm;
             }
-            let solver = solver.get_or_insert_with(|| self.prepare_box(depth.touching, spacing_mm, effort.layers));
+            let solver = solver.get_or_insert_with(|| self.prepare_box(depth.touching, spacing_mm, effort));
             let most_mm = MOST_OPENED * f64::from(depth.penetration.largest(|mm| mm));
             let opened_mm = (opening * self.layer().thickness_mm).min(most_mm);
             match self.try_opened(depth, solver, opened_mm, (&settings, effort)) {
@@ -205,10 +218,10 @@ impl ElasticPad {
         Err(NOT_CONVERGED)
     }
 
-    fn prepare_box(&self, touching: Rect, spacing_mm: f64, layers: usize) -> RubberSolver {
-        let room_mm = 2.0 * ROOM * self.layer().thickness_mm;
+    fn prepare_box(&self, touching: Rect, spacing_mm: f64, effort: &Effort) -> RubberSolver {
+        let room_mm = 2.0 * effort.room * self.layer().thickness_mm;
         let size = self.sides_mm(touching).map(|side_mm| fast_length(((side_mm + room_mm) / spacing_mm) as usize));
-        RubberSolver::new(self.layer(), size, [spacing_mm; 2], layers)
+        RubberSolver::new(self.layer(), size, [spacing_mm; 2], effort.layers)
     }
 
     /// Solves for the difference under an object whose edges are rounded.
@@ -226,14 +239,15 @@ impl ElasticPad {
         let middle_px = [0.5 * (touching.x0 + touching.x1) as f64, 0.5 * (touching.y0 + touching.y1) as f64];
         let first_px: [f64; 2] =
             std::array::from_fn(|k| middle_px[k] - (nodes[k] / 2) as f64 * node_mm[k] / mm_per_px[k] - 0.5);
+        let samples = effort.samples;
         let smooth_mm = mm_per_px.map(|mm| (SMOOTH_SLOPE * mm) as f32);
-        let sample_mm = node_mm.map(|mm| mm / SAMPLES as f64);
+        let sample_mm = node_mm.map(|mm| mm / samples as f64);
         let step_px = std::array::from_fn(|k| sample_mm[k] / mm_per_px[k]);
-        let captured = sample_window(penetration, nodes.map(|nodes| nodes * SAMPLES), first_px, step_px, smooth_mm);
+        let captured = sample_window(penetration, nodes.map(|nodes| nodes * samples), first_px, step_px, smooth_mm);
         let opened = open_by_ball(&captured, sample_mm, opened_mm);
         let nothing = opened.data.iter().copied().fold(f32::INFINITY, f32::min);
         let Rect { x0, y0, x1, y1 } = bounding_box(&opened, |g| g > nothing);
-        let region = Rect { x0: x0 / SAMPLES, y0: y0 / SAMPLES, x1: x1.div_ceil(SAMPLES), y1: y1.div_ceil(SAMPLES) };
+        let region = Rect { x0: x0 / samples, y0: y0 / samples, x1: x1.div_ceil(samples), y1: y1.div_ceil(samples) };
         let volume = |object: &Grid<f32>| object.data.iter().map(|g| f64::from(g.max(0.0))).sum::<f64>();
         if volume(&opened) < LEAST_KEPT * volume(&captured) || opened.largest(|g| g) <= 0.0 {
             return Try::TooLittleLeft;
@@ -252,7 +266,7 @@ impl ElasticPad {
             load_step_mm: if settings.stick { effort.sticking_step * h } else { f64::INFINITY },
             stick: settings.stick,
         };
-        let press = solver.press(&HeightMap::new(opened, sample_mm), &options);
+        let press = solver.press(&HeightMap::new(opened, sample_mm, samples), &options);
         if !press.converged {
             return Try::Failed(press.iterations);
         }

@@ -2,14 +2,15 @@
 
 use crate::base::grid::{Grid, Rect, bounding_box};
 
-/// Samples of the object between neighbouring nodes of the contact's grid: it has walls sharper than the grid.
-pub const SAMPLES: usize = 4;
-
 /// Samples of how far the object reaches below the undeformed surface, mm. Between them it is a quadratic B-spline, whose
 /// slope is continuous and which does not overshoot.
 pub struct HeightMap {
     heights_mm: Grid<f32>,
     spacing_mm: [f64; 2],
+    /// Samples from one node of the contact's grid to the next.
+    per_node: usize,
+    /// The largest height of the places next to each node.
+    highest_mm: Grid<f32>,
 }
 
 /// Height and slope of the object at a place.
@@ -20,9 +21,17 @@ pub struct HeightAndSlope {
 }
 
 impl HeightMap {
-    /// Takes samples `spacing_mm` apart.
-    pub fn new(heights_mm: Grid<f32>, spacing_mm: [f64; 2]) -> Self {
-        Self { heights_mm, spacing_mm }
+    /// Takes samples `spacing_mm` apart, `per_node` of them from one node of the contact's grid to the next.
+    pub fn new(heights_mm: Grid<f32>, spacing_mm: [f64; 2], per_node: usize) -> Self {
+        let highest_mm = highest_beside(&heights_mm, per_node);
+        Self { heights_mm, spacing_mm, per_node, highest_mm }
+    }
+
+    /// Returns a height that the object does not exceed at a place in nodes of the contact's grid.
+    pub fn at_most_mm(&self, place: [f32; 2]) -> f32 {
+        let Grid { width, height, .. } = self.highest_mm;
+        let [x, y] = place.map(|at| (at.max(0.0) + 0.5) as usize);
+        self.highest_mm.at(x.min(width - 1), y.min(height - 1))
     }
 
     /// Returns the object's height and slope at a place in nodes of the contact's grid; outside the map they are those
@@ -30,7 +39,7 @@ impl HeightMap {
     pub fn at(&self, place: [f32; 2]) -> HeightAndSlope {
         let size = [self.heights_mm.width, self.heights_mm.height];
         let tap = |k: usize| {
-            let place = (place[k] * SAMPLES as f32).clamp(0.0, (size[k] - 1) as f32);
+            let place = (place[k] * self.per_node as f32).clamp(0.0, (size[k] - 1) as f32);
             let nearest = (place + 0.5) as usize;
             let t = place - nearest as f32;
             let weights = [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)];
@@ -56,6 +65,31 @@ impl HeightMap {
     pub fn heights_mm(&self) -> &Grid<f32> {
         &self.heights_mm
     }
+}
+
+/// Returns the largest of the samples that [`HeightMap::at`] uses where a node is the nearest one, for each node.
+fn highest_beside(samples: &Grid<f32>, per_node: usize) -> Grid<f32> {
+    let nodes = [samples.width, samples.height].map(|count| count.div_ceil(per_node));
+    // Half a node and one and a half samples to each side lie in these four cells, whose first samples are the nodes.
+    let reach = |node: usize, count: usize| (node.saturating_sub(2) * per_node)..((node + 2) * per_node).min(count);
+    let most = |values: &[f32]| values.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let mut along = Grid::<f32>::new(nodes[0], samples.height);
+    for y in 0..samples.height {
+        let row = samples.row(y);
+        for (x, to) in along.row_mut(y).iter_mut().enumerate() {
+            *to = most(&row[reach(x, samples.width)]);
+        }
+    }
+    let mut highest = Grid::<f32>::new(nodes[0], nodes[1]);
+    highest.data.fill(f32::NEG_INFINITY);
+    for y in 0..nodes[1] {
+        for from in reach(y, samples.height) {
+            for (to, value) in highest.row_mut(y).iter_mut().zip(along.row(from)) {
+                *to = to.max(*value);
+            }
+        }
+    }
+    highest
 }
 
 /// Opens an object by a ball: what is left of it is all that a ball of this radius reaches from inside. Edges are

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use super::anderson::Anderson;
 use super::contact::ContactGrid;
 use super::element::{ElementGrid, State};
-use super::height_map::{HeightMap, SAMPLES, open_by_ball};
+use super::height_map::{HeightMap, open_by_ball};
 use super::layer::{BoxLayer, inverse};
 use super::spectrum::HalfSpectrum;
 use crate::base::grid::Grid;
@@ -231,8 +231,8 @@ fn a_height_map_s_slope_is_the_derivative_of_its_height() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut heights = Grid::new(12, 9);
     heights.data.iter_mut().for_each(|height| *height = random.random_range(-0.5..0.5_f32));
-    let samples = SAMPLES as f32;
-    let map = HeightMap::new(heights, [0.25, 0.5]);
+    let samples = 4.0;
+    let map = HeightMap::new(heights, [0.25, 0.5], 4);
     for _ in 0..200 {
         let place: [f32; 2] = [random.random_range(1.0..10.0) / samples, random.random_range(1.0..7.0) / samples];
         let here = map.at(place);
@@ -245,6 +245,7 @@ fn a_height_map_s_slope_is_the_derivative_of_its_height() {
             let slope = (above - below) / (0.02 * [0.25, 0.5][k]);
             assert!((slope - here.slope[k]).abs() < 0.02, "{slope} {:?}", here.slope);
         }
+        assert!(here.height_mm <= map.at_most_mm(place) + 1e-6);
     }
     // Far outside it is that of the border, and NaN is no place.
     assert!(map.at([-1e9, 1e9]).height_mm.is_finite());
