@@ -235,11 +235,11 @@ fn check_rows(object: &str, friction: Option<Friction>, bounds: &[Bound]) {
 #[test]
 fn balls_are_as_close_to_finite_elements_as_is_stated() {
     const BOUNDS: [Bound; 5] = [
-        bound(0.1, [1.5, 2.4], [0.18, 0.55], [1.0, 5.5]),
-        bound(0.2, [1.3, 1.1], [0.75, 0.7], [3.3, 6.5]),
-        bound(0.3, [3.0, 1.4], [1.8, 0.5], [3.6, 6.0]),
-        bound(0.4, [5.2, 1.3], [2.1, 1.1], [3.8, 9.0]),
-        bound(0.5, [7.0, 2.6], [4.6, 1.9], [5.0, 8.0]),
+        bound(0.1, [1.2, 1.5], [0.26, 0.4], [1.0, 4.5]),
+        bound(0.2, [0.65, 0.75], [0.36, 0.5], [5.0, 9.5]),
+        bound(0.3, [1.0, 1.1], [0.7, 0.35], [8.0, 15.0]),
+        bound(0.4, [2.1, 1.0], [0.85, 0.9], [6.3, 14.0]),
+        bound(0.5, [5.0, 2.8], [3.4, 1.8], [4.9, 10.0]),
     ];
     check_rows("ball", None, &BOUNDS);
 }
@@ -247,9 +247,9 @@ fn balls_are_as_close_to_finite_elements_as_is_stated() {
 #[test]
 fn punches_are_as_close_to_finite_elements_as_is_stated() {
     const BOUNDS: [Bound; 3] = [
-        bound(0.1, [3.5, 3.0], [1.7, 1.8], [1.1, 1.7]),
-        bound(0.2, [7.4, 3.5], [5.4, 1.5], [2.0, 3.7]),
-        bound(0.3, [27.0, 5.0], [26.0, 1.5], [2.7, 2.9]),
+        bound(0.1, [3.1, 2.8], [1.6, 1.8], [1.2, 1.8]),
+        bound(0.2, [7.7, 3.0], [5.0, 1.7], [3.3, 5.2]),
+        bound(0.3, [37.0, 5.5], [27.0, 2.8], [1.9, 2.7]),
     ];
     check_rows("punch", None, &BOUNDS);
 }
@@ -257,10 +257,10 @@ fn punches_are_as_close_to_finite_elements_as_is_stated() {
 #[test]
 fn cones_are_as_close_to_finite_elements_as_is_stated() {
     const BOUNDS: [Bound; 4] = [
-        bound(0.1, [0.65, 0.7], [0.55, 0.95], [1.8, 2.3]),
-        bound(0.2, [1.1, 2.3], [0.35, 0.8], [2.6, 8.0]),
-        bound(0.3, [0.65, 1.4], [0.8, 0.8], [7.0, 6.0]),
-        bound(0.4, [2.0, 1.5], [1.4, 0.95], [3.2, 4.7]),
+        bound(0.1, [0.45, 1.1], [0.36, 1.6], [2.8, 3.4]),
+        bound(0.2, [1.1, 1.8], [0.47, 0.8], [2.6, 6.0]),
+        bound(0.3, [0.6, 1.9], [0.33, 1.2], [8.0, 14.0]),
+        bound(0.4, [1.0, 2.0], [0.62, 1.3], [6.5, 10.0]),
     ];
     check_rows("cone", None, &BOUNDS);
 }
@@ -319,7 +319,7 @@ fn solid_penetration(row: Row, x: f64, y: f64) -> f64 {
 #[test]
 fn a_cylinder_s_end_and_a_block_are_as_close_to_another_code_as_is_stated() {
     const BOUNDS: [(&str, Bound); 2] = [
-        ("cylinder", bound(0.2, [3.1, 1.2], [2.7, 0.9], [3.2, 3.8])),
+        ("cylinder", bound(0.2, [1.7, 1.7], [2.7, 1.2], [6.0, 3.8])),
         ("block", bound(0.2, [6.9, 3.4], [3.8, 1.2], [2.7, 5.0])),
     ];
     let rows: Vec<Value> =
@@ -378,7 +378,7 @@ fn points_of_the_surface_move_to_the_side_as_in_finite_elements() {
     const BOUNDS: [(&str, f64, [[f64; 2]; 2]); 5] = [
         ("ball", 0.2, [[6.9, 2.4], [3.4, 1.1]]),
         ("ball", 0.3, [[8.6, 3.1], [3.7, 1.4]]),
-        ("ball", 0.4, [[11.5, 3.9], [5.1, 1.6]]),
+        ("ball", 0.4, [[15.0, 3.9], [6.5, 1.6]]),
         ("punch", 0.2, [[35.0, 13.2], [16.0, 8.1]]),
         ("cone", 0.3, [[50.0, 5.7], [36.0, 2.5]]),
     ];

@@ -11,7 +11,8 @@
 use super::height_map::HeightMap;
 use super::layer::{BoxLayer, Matrix, PlaneSpectrum, inverse, multiply_matrix, times, times_i, times_minus_i};
 use super::spectrum::{HalfSpectrum, RealTransform};
-use crate::base::grid::Rect;
+use crate::base::cubic::catmull_rom;
+use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
 use crate::gelpad::elastic::layer::ElasticLayer;
 
@@ -192,6 +193,42 @@ impl ContactGrid {
         let [to_x, to_y, to_z] = field;
         self.transform.inverse([x, y], [to_x, to_y]);
         self.transform.inverse_one(z, to_z);
+    }
+
+    /// Interpolates what the box adds to a solution, `free`, from its nodes by cubics (Catmull and Rom 1974). Waves are
+    /// right for the forces of a step, but beside a kink they ring far around. Where the surface slides, heights lose
+    /// their shortest waves, too.
+    pub fn interpolate_box(&self, free: &Field, surface: &mut Field, slides: bool) {
+        let [width, height] = self.transform.size();
+        let [columns, rows] = [width, height].map(|size| size / REFINEMENT);
+        let shares: [[f32; 4]; REFINEMENT] = std::array::from_fn(|k| catmull_rom(k as f32 / REFINEMENT as f32));
+        let mut wide = Grid::<f32>::new(width, rows);
+        for (c, (free, surface)) in free.iter().zip(surface).enumerate() {
+            let mut nodes = Grid::<f32>::new(columns, rows);
+            for y in 0..rows {
+                for (x, to) in nodes.row_mut(y).iter_mut().enumerate() {
+                    *to = free[y * REFINEMENT * width + x * REFINEMENT];
+                }
+            }
+            if slides && c == 2 {
+                nodes = without_shortest_waves(&nodes);
+            }
+            for y in 0..rows {
+                let from = nodes.row(y);
+                for (x, to) in wide.row_mut(y).iter_mut().enumerate() {
+                    let beside = |j: usize| from[(x / REFINEMENT + columns + j - 1) % columns];
+                    *to = (0..4).map(|j| beside(j) * shares[x % REFINEMENT][j]).sum();
+                }
+            }
+            for y in 0..height {
+                let lines = [0, 1, 2, 3].map(|j| wide.row((y / REFINEMENT + rows + j - 1) % rows));
+                let shares = shares[y % REFINEMENT];
+                for x in 0..width {
+                    let value: f32 = lines.iter().zip(shares).map(|(line, share)| line[x] * share).sum();
+                    surface[y * width + x] += value - free[y * width + x];
+                }
+            }
+        }
     }
 
     /// Returns the forces on the box's surface, (fx, fy, -i fz), that move it as forces on this grid move the surface.
@@ -570,6 +607,26 @@ impl ContactGrid {
 
 fn sinc(x: f64) -> f64 {
     if x == 0.0 { 1.0 } else { libm::sin(x) / x }
+}
+
+/// Smooths values on a torus: waves of two nodes vanish, long ones stay to the fourth order.
+fn without_shortest_waves(nodes: &Grid<f32>) -> Grid<f32> {
+    const SHARES: [f32; 5] = [-1.0 / 16.0, 4.0 / 16.0, 10.0 / 16.0, 4.0 / 16.0, -1.0 / 16.0];
+    let Grid { width, height, .. } = *nodes;
+    let (mut along, mut smooth) = (Grid::<f32>::new(width, height), Grid::<f32>::new(width, height));
+    for y in 0..height {
+        let from = nodes.row(y);
+        for (x, to) in along.row_mut(y).iter_mut().enumerate() {
+            *to = SHARES.iter().enumerate().map(|(k, share)| share * from[(x + width + k - 2) % width]).sum();
+        }
+    }
+    for y in 0..height {
+        let lines: [&[f32]; 5] = std::array::from_fn(|k| along.row((y + height + k - 2) % height));
+        for (x, to) in smooth.row_mut(y).iter_mut().enumerate() {
+            *to = lines.iter().zip(SHARES).map(|(line, share)| share * line[x]).sum();
+        }
+    }
+    smooth
 }
 
 /// Computes the scalar product, in eight partial sums.

@@ -255,6 +255,7 @@ impl RubberSolver {
             }
             if last <= load.tolerance_mm {
                 std::mem::swap(&mut level.state, &mut image);
+                self.contact.interpolate_box(&free, &mut level.surface, load.anchors.is_none());
                 return true;
             }
             if last < 0.7 * best {

@@ -227,6 +227,41 @@ fn opening_keeps_what_is_round_and_rounds_what_is_sharp() {
 }
 
 #[test]
+fn what_the_box_adds_is_interpolated_without_ringing() {
+    let grid = grid();
+    let pad = ElasticLayer { thickness_mm: 2.4, poisson_ratio: 0.45 };
+    let mut contact = ContactGrid::new(&BoxLayer::new(grid, pad.poisson_ratio), pad);
+    let size = contact.transform.size();
+    let values = |of: &dyn Fn(usize, usize) -> f32| -> Vec<f32> {
+        (0..size[0] * size[1]).map(|at| of(at % size[0], at / size[0])).collect()
+    };
+    let interpolated = |contact: &mut ContactGrid, of: &dyn Fn(usize, usize) -> f32| {
+        let free = [0, 1, 2].map(|_| values(of));
+        let mut surface = free.clone();
+        contact.interpolate_box(&free, &mut surface, true);
+        surface[2].clone()
+    };
+    // A long wave stays.
+    let wave = |x: usize, y: usize| {
+        let angle = |at: usize, count: usize| std::f32::consts::TAU * at as f32 / count as f32;
+        (angle(x, size[0]).sin() + angle(y, size[1]).cos()) * 0.1
+    };
+    for (now, then) in interpolated(&mut contact, &wave).iter().zip(values(&wave)) {
+        assert!((now - then).abs() < 5e-4, "{now} {then}");
+    }
+    // What alternates from node to node vanishes, and nothing is left far from a step.
+    let ripple = interpolated(&mut contact, &|x, _| if (x / 3) % 2 == 0 { 0.1 } else { -0.1 });
+    assert!(ripple.iter().all(|mm| mm.abs() < 1e-6));
+    let step = interpolated(&mut contact, &|_, y| if y < size[1] / 2 { 1.0 } else { 0.0 });
+    let far = |y: usize| step[y * size[0]];
+    assert!(
+        (15..size[1] / 2 - 15).all(|y| (far(y) - 1.0).abs() < 1e-6),
+        "{:?}",
+        (0..size[1]).map(far).collect::<Vec<_>>()
+    );
+}
+
+#[test]
 fn a_height_map_s_slope_is_the_derivative_of_its_height() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut heights = Grid::new(12, 9);
