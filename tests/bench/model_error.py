@@ -104,4 +104,5 @@ def main():
         print(line("all", [(true, stated) for _, true, stated, _ in found]), flush=True)
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -13,9 +13,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from model_error import grown
 
 ROOT = Path(__file__).resolve().parents[2]
-RING_MM = 2.0
 THICKNESS_MM = 3.0
 DEPTHS = (0.1, 0.2, 0.3)
 FINER_MM = THICKNESS_MM / 15
@@ -49,21 +49,6 @@ def press(program, folder, path, depth, name, *settings):
     return json.loads(label.read_text()), *layers
 
 
-def near(mask, mm_per_px):
-    """The pixels within the ring's width of a mask."""
-    found = np.zeros_like(mask)
-    height, width = mask.shape
-    rows = int(RING_MM / mm_per_px[1])
-    for down in range(-rows, rows + 1):
-        across = int(np.sqrt(RING_MM**2 - (down * mm_per_px[1]) ** 2) / mm_per_px[0])
-        sums = np.pad(mask.cumsum(axis=1), ((0, 0), (across + 1, across)), mode="edge")
-        sums[:, : across + 1] = 0
-        row = sums[:, 2 * across + 1 :] > sums[:, :width]
-        source = row[max(0, -down) : height - max(0, down)]
-        found[max(0, down) : max(0, down) + len(source)] |= source
-    return found
-
-
 def main():
     program = sys.argv[1]
     within = 0
@@ -87,7 +72,7 @@ def main():
                 good = False
                 continue
             touching = (usual[2] == 0) | (finer[2] == 0) | (linear[2] == 0)
-            ring = near(touching, usual[0]["sensor"]["mm_per_px"]) & ~touching
+            ring = grown(touching, usual[0]["sensor"]["mm_per_px"]) & ~touching
             apart, off = (1e3 * np.sqrt(np.mean((a - finer[1])[ring] ** 2)) for a in (usual[1], linear[1]))
             cells.append(f"{apart:.2f}; {off:.1f}")
             good &= apart <= 2.0

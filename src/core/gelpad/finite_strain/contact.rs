@@ -75,7 +75,7 @@ pub struct ContactGuess<'a> {
     pub surface: &'a mut Field,
     /// Forces on the nodes over the shear modulus; the guess of points that stick.
     pub force: &'a mut Field,
-    /// Force of the nodes along the object's normal over the shear modulus; the guess of points that slide.
+    /// Size of the nodes' force over the shear modulus; the guess of points that slide.
     pub pressure: &'a mut [f32],
 }
 

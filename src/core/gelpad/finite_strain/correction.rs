@@ -305,7 +305,7 @@ enum Try {
     TooLittleLeft,
 }
 
-/// Samples the captured object by straight lines; beyond the window there is nothing.
+/// Samples the captured object by [`interpolate`]; beyond the window there is nothing.
 fn sample_window(
     penetration: &Grid<f32>,
     samples: [usize; 2],
@@ -339,6 +339,6 @@ fn sample_window(
 fn interpolate(from: f32, to: f32, share: f32, smooth_mm: f32) -> f32 {
     let steepness = ((to - from).abs() / smooth_mm).max(1.0);
     let share = (0.5 + steepness * (share - 0.5)).clamp(0.0, 1.0);
-    // Exact at both ends: where there is nothing, nothing is found.
-    (1.0 - share) * from + share * to
+    // Without rounding beyond the ends: where there is nothing, nothing is found.
+    (from + share * (to - from)).clamp(from.min(to), from.max(to))
 }

@@ -79,7 +79,7 @@ struct Level {
     state: State,
     /// All of the surface on the contact's grid, of which the state has the nodes that may touch.
     surface: Field,
-    /// Force of the nodes along the object's normal; 0 where they stick.
+    /// Size of the nodes' force; 0 where they stick.
     pressure: Vec<f32>,
     force: Field,
 }
