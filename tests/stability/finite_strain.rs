@@ -345,8 +345,10 @@ fn a_little_deeper_changes_the_surface_a_little() {
                 // Shallow presses are rounded by a share of their depth.
                 let same = (a.numerics.opened_mm - b.numerics.opened_mm).abs() < 1e-3
                     && a.numerics.theory == b.numerics.theory;
-                // The object itself goes 0.1 um deeper, and the finer of the tolerances is 1 um.
-                let most_um = if same { 1.0 } else { 100.0 * deep };
+                // The object itself goes 0.1 um deeper, and the finer of the tolerances is 1 um. A pixel at a wall may find
+                // another place of the steep surface beside it.
+                let tolerance_um = if k < SMOOTH.len() { 1.0 } else { 5.0 };
+                let most_um = if same { tolerance_um } else { 100.0 * deep };
                 if um > most_um || (k < SMOOTH.len() && !same) {
                     wrong.push(format!(
                         "{name}, {strain}, {}: {um:.2} um, {:?} {:?}",
@@ -422,7 +424,7 @@ fn an_object_the_other_way_round_gives_the_surface_the_other_way_round() {
                     let last = straight.surface.width - 1;
                     let um = largest_um(&other.surface, &straight.surface, |x, y| place(x, y, last));
                     let force = other.force_n.expect("a force") / straight.force_n.expect("a force") - 1.0;
-                    if um > 0.05 {
+                    if um > 0.15 {
                         found.push(format!(
                             "{}, {name}, {resolution_px:?}, {strain}: {um:.3} um, force {force:.1e}",
                             model.name()

@@ -32,6 +32,11 @@ impl GridPlacement {
     fn pixel_centre_mm(self, k: usize, at: usize) -> f64 {
         self.origin_mm[k] + at as f64 * self.mm_per_px[k]
     }
+
+    /// Returns where a pixel of another grid lies along an axis, pixels from this grid's first.
+    pub fn place_of(self, other: Self, k: usize, at: usize) -> f64 {
+        (other.pixel_centre_mm(k, at) - self.origin_mm[k]) / self.mm_per_px[k]
+    }
 }
 
 impl PlacedDisplacement {
@@ -74,9 +79,7 @@ impl PlacedDisplacement {
     /// Returns the first pixel of a line that the displacement reaches, and the taps for each pixel from there on.
     fn line_taps(&self, k: usize, placed: GridPlacement, corner: usize, count: usize) -> (usize, Vec<CubicTaps>) {
         let values = [self.values_mm.width, self.values_mm.height][k];
-        let place = |at: usize| {
-            (placed.pixel_centre_mm(k, corner + at) - self.placement.origin_mm[k]) / self.placement.mm_per_px[k]
-        };
+        let place = |at: usize| self.placement.place_of(placed, k, corner + at);
         let within = |at: &usize| (1.0..(values - 2) as f64).contains(&place(*at));
         let Some(first) = (0..count).find(within) else { return (0, Vec::new()) };
         let taps = (first..count).take_while(within).map(|at| {

@@ -195,26 +195,24 @@ impl ContactGrid {
         self.transform.inverse_one(z, to_z);
     }
 
-    /// Interpolates what the box adds to a solution, `free`, from its nodes by cubics (Catmull and Rom 1974). Waves are
-    /// right for the forces of a step, but beside a kink they ring far around. Where the surface slides, heights lose
-    /// their shortest waves, too.
-    pub fn interpolate_box(&self, free: &Field, surface: &mut Field, slides: bool) {
+    /// Returns what smoothing adds to a displacement of the box's surface that waves took to this grid: from the box's
+    /// nodes by cubics (Catmull and Rom 1974), without the shortest waves. Waves are right for the forces of a step, but
+    /// beside a kink they ring far around.
+    pub fn smoothing(&self, by_waves: &Field) -> Field {
         let [width, height] = self.transform.size();
         let [columns, rows] = [width, height].map(|size| size / REFINEMENT);
         let shares: [[f32; 4]; REFINEMENT] = std::array::from_fn(|k| catmull_rom(k as f32 / REFINEMENT as f32));
-        let mut wide = Grid::<f32>::new(width, rows);
-        for (c, (free, surface)) in free.iter().zip(surface).enumerate() {
-            let mut nodes = Grid::<f32>::new(columns, rows);
+        let mut change = self.zeros();
+        let (mut nodes, mut wide) = (Grid::<f32>::new(columns, rows), Grid::<f32>::new(width, rows));
+        for (by_waves, change) in by_waves.iter().zip(&mut change) {
             for y in 0..rows {
                 for (x, to) in nodes.row_mut(y).iter_mut().enumerate() {
-                    *to = free[y * REFINEMENT * width + x * REFINEMENT];
+                    *to = by_waves[y * REFINEMENT * width + x * REFINEMENT];
                 }
             }
-            if slides && c == 2 {
-                nodes = without_shortest_waves(&nodes);
-            }
+            let smooth = without_shortest_waves(&nodes);
             for y in 0..rows {
-                let from = nodes.row(y);
+                let from = smooth.row(y);
                 for (x, to) in wide.row_mut(y).iter_mut().enumerate() {
                     let beside = |j: usize| from[(x / REFINEMENT + columns + j - 1) % columns];
                     *to = (0..4).map(|j| beside(j) * shares[x % REFINEMENT][j]).sum();
@@ -225,10 +223,11 @@ impl ContactGrid {
                 let shares = shares[y % REFINEMENT];
                 for x in 0..width {
                     let value: f32 = lines.iter().zip(shares).map(|(line, share)| line[x] * share).sum();
-                    surface[y * width + x] += value - free[y * width + x];
+                    change[y * width + x] = value - by_waves[y * width + x];
                 }
             }
         }
+        change
     }
 
     /// Returns the forces on the box's surface, (fx, fy, -i fz), that move it as forces on this grid move the surface.
@@ -486,10 +485,8 @@ impl ContactGrid {
                     continue;
                 }
                 let here = object.at(place);
-                let [a, b] = here.slope;
-                let scale = 1.0 / (a * a + b * b + 1.0).sqrt();
-                let n = [a * scale, b * scale, scale];
-                let mut reach = (moved[2] + here.height_mm - lifted_mm) * scale;
+                let n = here.normal();
+                let mut reach = (moved[2] + here.height_mm - lifted_mm) * n[2];
                 for c in 0..3 {
                     normal[c][at] = n[c];
                     reach += n[c] * (free[c][at] - moved[c]);
@@ -609,19 +606,19 @@ fn sinc(x: f64) -> f64 {
     if x == 0.0 { 1.0 } else { libm::sin(x) / x }
 }
 
-/// Smooths values on a torus: waves of two nodes vanish, long ones stay to the fourth order.
+/// Smooths values on a torus: waves of two nodes vanish, long ones stay to the sixth order.
 fn without_shortest_waves(nodes: &Grid<f32>) -> Grid<f32> {
-    const SHARES: [f32; 5] = [-1.0 / 16.0, 4.0 / 16.0, 10.0 / 16.0, 4.0 / 16.0, -1.0 / 16.0];
+    const SHARES: [f32; 7] = [1.0 / 64.0, -6.0 / 64.0, 15.0 / 64.0, 44.0 / 64.0, 15.0 / 64.0, -6.0 / 64.0, 1.0 / 64.0];
     let Grid { width, height, .. } = *nodes;
     let (mut along, mut smooth) = (Grid::<f32>::new(width, height), Grid::<f32>::new(width, height));
     for y in 0..height {
         let from = nodes.row(y);
         for (x, to) in along.row_mut(y).iter_mut().enumerate() {
-            *to = SHARES.iter().enumerate().map(|(k, share)| share * from[(x + width + k - 2) % width]).sum();
+            *to = SHARES.iter().enumerate().map(|(k, share)| share * from[(x + 2 * width + k - 3) % width]).sum();
         }
     }
     for y in 0..height {
-        let lines: [&[f32]; 5] = std::array::from_fn(|k| along.row((y + height + k - 2) % height));
+        let lines: [&[f32]; 7] = std::array::from_fn(|k| along.row((y + 2 * height + k - 3) % height));
         for (x, to) in smooth.row_mut(y).iter_mut().enumerate() {
             *to = lines.iter().zip(SHARES).map(|(line, share)| share * line[x]).sum();
         }

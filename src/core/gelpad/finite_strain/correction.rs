@@ -2,7 +2,7 @@
 //! in turn.
 
 use super::StrainCorrection;
-use super::deformed::DeformedSurface;
+use super::deformed::{CapturedObject, DeformedSurface};
 use super::height_map::{HeightMap, open_by_ball};
 use super::press::{PressOptions, RubberSolver};
 use super::settings::StrainSettings;
@@ -13,7 +13,7 @@ use crate::effects::Requirement;
 use crate::gelpad::elastic::ElasticPad;
 use crate::gelpad::elastic::fft::fast_length;
 use crate::gelpad::elastic::model_error::{ContactEdge, WALL_SLOPE, model_error_mm};
-use crate::gelpad::elastic::placed::{GridPlacement, PlacedDisplacement};
+use crate::gelpad::elastic::placed::GridPlacement;
 
 /// How thoroughly the rubber is solved.
 struct Effort {
@@ -78,12 +78,12 @@ const REACH: f64 = 0.3;
 /// Share of the tolerance below which the linear layer's expected error is negligible, under smooth edges and beside
 /// walls. The law for it is right within a factor of two in the ring around the contact; at single pixels beside walls
 /// the error is several times larger.
-const NEGLIGIBLE_SHARES: [f64; 2] = [0.3, 0.1];
+const NEGLIGIBLE_SHARES: [f64; 2] = [0.15, 0.07];
 
-/// Share of the linear layer's largest error that is left, as a rule: where edges are hardly rounded, and where they
-/// are rounded by more than `SHARP` thicknesses. In half of 116 presses of the finite elements' table it is less than
-/// 0.37, in nine of ten less than 1.5.
-const ERROR_SHARES: [f64; 2] = [0.4, 0.7];
+/// Share of the linear layer's expected error that is left as the largest error beside the contact, as a rule: where
+/// edges are hardly rounded, and where they are rounded by more than `SHARP` thicknesses. In half of 121 presses of the
+/// finite elements' table it is less than 0.25, in nine of ten less than 0.9.
+const ERROR_SHARES: [f64; 2] = [0.3, 0.7];
 const SHARP: f64 = 0.1;
 
 /// Largest radius by which edges are rounded, as a share of the depth: shallow tips are not to vanish.
@@ -266,23 +266,26 @@ impl ElasticPad {
             load_step_mm: if settings.stick { effort.sticking_step * h } else { f64::INFINITY },
             stick: settings.stick,
         };
-        let press = solver.press(&HeightMap::new(opened, sample_mm, samples), &options);
+        let object = HeightMap::new(opened, sample_mm, samples);
+        let press = solver.press(&object, &options);
         if !press.converged {
             return Try::Failed(press.iterations);
         }
-        let surface = DeformedSurface::new(solver.contact_grid(), &press);
+        let window = [penetration.width, penetration.height];
+        let placed = |first_px: [f64; 2], spacing_mm| GridPlacement {
+            origin_mm: std::array::from_fn(|k| (first_px[k] + 0.5 - 0.5 * window[k] as f64) * mm_per_px[k]),
+            mm_per_px: spacing_mm,
+        };
+        let captured = CapturedObject { penetration, placement: placed([0.0; 2], mm_per_px) };
+        let nodes = placed(first_px, node_mm);
+        let surface = DeformedSurface::new(solver.contact_grid(), &press, &object, nodes, &captured);
         if !surface.is_finite() {
             return Try::Failed(press.iterations);
         }
-        let window = [penetration.width, penetration.height];
-        let origin_mm = std::array::from_fn(|k| (first_px[k] + 0.5 - 0.5 * window[k] as f64) * mm_per_px[k]);
-        let placed = |values_mm| {
-            let placement = GridPlacement { origin_mm, mm_per_px: node_mm };
-            PlacedDisplacement { values_mm, placement }
-        };
         Try::Solved(Box::new(StrainCorrection {
-            displacement: placed(surface.difference_mm),
-            motion: surface.motion_mm.map(placed),
+            displacement: surface.difference,
+            motion: surface.motion,
+            reach_mm: surface.reach_mm,
             opened_mm,
             sticks: settings.stick,
             error_share: ERROR_SHARES[usize::from(opened_mm > SHARP * h)],

@@ -3,21 +3,44 @@
 //! The solver knows where each node of the surface goes; images, pressures and the linear layer are functions of the
 //! place. The node that is now at a place x is X with X + u(X) = x.
 
-use super::contact::{ContactGrid, Field};
+use super::contact::ContactGrid;
+use super::height_map::HeightMap;
 use super::press::RubberPress;
 use crate::base::cubic::catmull_rom;
 use crate::base::grid::Grid;
+use crate::gelpad::elastic::placed::{GridPlacement, PlacedDisplacement};
 
 /// The deformed surface, and how it differs from that of a linear layer under the same pressure.
 pub struct DeformedSurface {
-    /// Rubber minus linear layer: displacement into the pad, mm.
-    pub difference_mm: Grid<f32>,
-    /// Rubber minus linear layer: motion of the surface's points along x and y, mm.
-    pub motion_mm: [Grid<f32>; 2],
+    /// Rubber minus linear layer: displacement into the pad, mm, at the captured pixels and [`BEYOND`] on each side.
+    pub difference: PlacedDisplacement,
+    /// Rubber minus linear layer: motion of the surface's points along x and y, mm, at the contact's nodes.
+    pub motion: [PlacedDisplacement; 2],
+    /// How far the object, whose edges were rounded for the solver, reaches into rubber at captured pixels beside walls,
+    /// mm; 0 elsewhere.
+    pub reach_mm: Grid<f32>,
 }
 
+/// The object as it was captured.
+pub struct CapturedObject<'a> {
+    /// How far it reaches below the undeformed pad, mm.
+    pub penetration: &'a Grid<f32>,
+    /// Where its pixels lie.
+    pub placement: GridPlacement,
+}
+
+/// The nodes of the contact's grid, and where they have gone.
+pub struct MovedNodes {
+    /// Motion along x and y, and height, mm.
+    pub moved: [Grid<f32>; 3],
+    pub spacing_mm: [f32; 2],
+}
+
+/// Pixels beyond the captured ones that cubic interpolation between those needs.
+const BEYOND: usize = 2;
+
 /// Largest distance between a place and where its node goes, nodes.
-const PLACE_TOLERANCE: f32 = 1e-3;
+const PLACE_TOLERANCE: f32 = 1e-4;
 
 /// Most iterations for a place.
 const MOST: u32 = 60;
@@ -25,119 +48,257 @@ const MOST: u32 = 60;
 /// Share of the torus's half width over which the difference goes to 0 at its border.
 const TAPER: f64 = 0.2;
 
+/// Range of heights within the four nodes along x and y of an interpolation, in distances of nodes, from which on the
+/// interpolation is not trusted.
+const STEEP: f32 = 0.5;
+
 impl DeformedSurface {
-    /// Returns true if every number is finite.
-    pub fn is_finite(&self) -> bool {
-        let [x, y] = &self.motion_mm;
-        [&self.difference_mm, x, y].iter().all(|grid| grid.data.iter().all(|value| value.is_finite()))
+    /// Takes a solution under `object` to places, and subtracts the linear layer under its pressure on the same torus.
+    /// `grid_placement` is that of the contact's grid.
+    pub fn new(
+        grid: &mut ContactGrid,
+        press: &RubberPress,
+        object: &HeightMap,
+        grid_placement: GridPlacement,
+        captured: &CapturedObject<'_>,
+    ) -> Self {
+        let [width, height] = grid.transform.size();
+        let nodes = MovedNodes::new(grid, press);
+        let mut forces = grid.zeros();
+        forces[2] = nodes.forces_at_places(&press.force[2]);
+        let mut linear = grid.zeros();
+        grid.displace(&forces, &mut linear);
+        let linear = linear.map(|data| Grid { width, height, data });
+        let at_places: Vec<[f32; 2]> = (0..width * height)
+            .map(|at| [(at % width) as f32, (at / width) as f32])
+            .map(|place| nodes.find(place, place))
+            .collect();
+        let surface = at_places.iter().map(|node| nodes.height_mm(*node)).collect();
+        let surface = Grid { width, height, data: surface };
+        let columns: Vec<f32> = (0..width).map(|x| taper(x as f32, width)).collect();
+        let rows: Vec<f32> = (0..height).map(|y| taper(y as f32, height)).collect();
+        let difference = |rubber: &Grid<f32>, linear: &Grid<f32>, sign: f32| {
+            let mut values_mm = Grid::<f32>::new(width, height);
+            for (at, value) in values_mm.data.iter_mut().enumerate() {
+                *value = sign * (rubber.data[at] - linear.data[at]) * columns[at % width] * rows[at / width];
+            }
+            PlacedDisplacement { values_mm, placement: grid_placement }
+        };
+        let GridPlacement { origin_mm, mm_per_px } = captured.placement;
+        let origin_mm = std::array::from_fn(|k| origin_mm[k] - BEYOND as f64 * mm_per_px[k]);
+        let mut at_pixels = PlacedDisplacement {
+            values_mm: Grid::new(captured.penetration.width + 2 * BEYOND, captured.penetration.height + 2 * BEYOND),
+            placement: GridPlacement { origin_mm, mm_per_px },
+        };
+        difference(&surface, &linear[2], -1.0).add_to(&mut at_pixels.values_mm, at_pixels.placement, [0, 0], 1.0);
+        let mut deformed = Self {
+            difference: at_pixels,
+            motion: [0, 1].map(|c| difference(&nodes.moved[c], &linear[c], 1.0)),
+            reach_mm: Grid::new(captured.penetration.width, captured.penetration.height),
+        };
+        deformed.resolve_walls((&nodes, &at_places), [&surface, &linear[2]], object, (grid_placement, captured));
+        deformed
     }
 
-    /// Takes a solution to places, and subtracts the linear layer under its pressure on the same torus.
-    pub fn new(grid: &mut ContactGrid, press: &RubberPress) -> Self {
-        let [width, height] = grid.transform.size();
-        let [dx, dy] = grid.spacing_mm.map(|mm| mm as f32);
-        let of_nodes = |data: &Vec<f32>| Grid { width, height, data: data.clone() };
-        let [along_x, along_y, up] = [0, 1, 2].map(|c| of_nodes(&press.surface[c]));
-        // Vertical force per area of the deformed surface, seen from above.
-        let mut force = Grid::<f32>::new(width, height);
-        for y in 0..height {
-            let (above, below) = ((y + height - 1) % height, (y + 1) % height);
-            for x in 0..width {
-                let at = y * width + x;
-                if press.force[2][at] == 0.0 {
+    /// Resolves what is beside walls. There the surface is steeper than the nodes are close: each pixel finds its own
+    /// node, and what is between nodes stays out of the object.
+    fn resolve_walls(
+        &mut self,
+        (nodes, at_places): (&MovedNodes, &[[f32; 2]]),
+        [surface, linear]: [&Grid<f32>; 2],
+        object: &HeightMap,
+        (grid_placement, captured): (GridPlacement, &CapturedObject<'_>),
+    ) {
+        let [dx, dy] = nodes.spacing_mm;
+        let steep = find_steep(surface, STEEP * dx.min(dy));
+        let size = [captured.penetration.width, captured.penetration.height];
+        let places = [0, 1].map(|k| -> Vec<f32> {
+            let pixels = 0..size[k] + 2 * BEYOND;
+            pixels.map(|px| grid_placement.place_of(self.difference.placement, k, px) as f32).collect()
+        });
+        let within = |place: f32, count: usize| (0.0..count as f32).contains(&place);
+        for (py, y) in places[1].iter().enumerate().filter(|(_, y)| within(**y, surface.height)) {
+            for (px, x) in places[0].iter().enumerate().filter(|(_, x)| within(**x, surface.width)) {
+                if !steep[*y as usize * surface.width + *x as usize] {
                     continue;
                 }
-                let (left, right) = ((x + width - 1) % width, (x + 1) % width);
-                let slope = |of: &Grid<f32>| {
-                    [0.5 * (of.at(right, y) - of.at(left, y)) / dx, 0.5 * (of.at(x, below) - of.at(x, above)) / dy]
-                };
-                let ([xx, xy], [yx, yy]) = (slope(&along_x), slope(&along_y));
-                let stretch = (1.0 + xx) * (1.0 + yy) - xy * yx;
-                force.data[at] = press.force[2][at] / stretch.max(0.1);
+                let place = [*x, *y];
+                let beside = [(x + 0.5) as usize % surface.width, (y + 0.5) as usize % surface.height];
+                let there = at_places[beside[1] * surface.width + beside[0]];
+                let guess = [0, 1].map(|k| there[k] + place[k] - beside[k] as f32);
+                let node = nodes.find(place, guess);
+                let rubber = nodes.height_mm(node).min(-object.at(place).height_mm);
+                let share = taper(*x, surface.width) * taper(*y, surface.height);
+                self.difference.values_mm.row_mut(py)[px] =
+                    share * (CubicTaps::new(place, nodes.size()).sample(linear) - rubber);
+                let [px, py] = [px, py].map(|px| px.wrapping_sub(BEYOND));
+                if px < size[0] && py < size[1] {
+                    self.reach_mm.row_mut(py)[px] = (captured.penetration.at(px, py) + rubber).max(0.0);
+                }
             }
         }
-        let mut at_place: Field = grid.zeros();
-        let mut surface = Grid::<f32>::new(width, height);
-        for y in 0..height {
-            for x in 0..width {
-                let at = y * width + x;
-                let node = find_node([x, y], [&along_x, &along_y], [dx, dy]);
-                surface.data[at] = sample_cubic(&up, node);
-                at_place[2][at] = sample_linear(&force, node).min(0.0);
-            }
-        }
-        let mut linear: Field = grid.zeros();
-        grid.displace(&at_place, &mut linear);
-        let taper = |at: usize, count: usize| {
-            let beside = 1.0 - (2.0 * at as f64 / count as f64 - 1.0).abs();
-            let t = (beside / TAPER).min(1.0);
-            (t * t * (3.0 - 2.0 * t)) as f32
-        };
-        let columns: Vec<f32> = (0..width).map(|x| taper(x, width)).collect();
-        let rows: Vec<f32> = (0..height).map(|y| taper(y, height)).collect();
-        let difference = |rubber: &[f32], linear: &[f32], sign: f32| {
-            let mut grid = Grid::<f32>::new(width, height);
-            for (at, value) in grid.data.iter_mut().enumerate() {
-                *value = sign * (rubber[at] - linear[at]) * columns[at % width] * rows[at / width];
-            }
-            grid
-        };
-        Self {
-            difference_mm: difference(&surface.data, &linear[2], -1.0),
-            motion_mm: [0, 1].map(|c| difference(&press.surface[c], &linear[c], 1.0)),
-        }
+    }
+
+    /// Returns true if every number is finite.
+    pub fn is_finite(&self) -> bool {
+        let [x, y] = &self.motion;
+        [&self.difference, x, y].iter().all(|placed| placed.values_mm.data.iter().all(|value| value.is_finite()))
     }
 }
 
-/// Finds the node, between nodes, that has moved to a place.
-fn find_node(place: [usize; 2], moved: [&Grid<f32>; 2], spacing: [f32; 2]) -> [f32; 2] {
-    let place = place.map(|at| at as f32);
-    let mut node = place;
-    let (mut last, mut share) = (f32::INFINITY, 1.0_f32);
-    for _ in 0..MOST {
-        let off: [f32; 2] = std::array::from_fn(|k| place[k] - node[k] - sample_cubic(moved[k], node) / spacing[k]);
-        let distance = off[0].abs().max(off[1].abs());
-        if distance < PLACE_TOLERANCE {
-            break;
+impl MovedNodes {
+    fn new(grid: &ContactGrid, press: &RubberPress) -> Self {
+        let [width, height] = grid.transform.size();
+        Self {
+            moved: press.surface.clone().map(|data| Grid { width, height, data }),
+            spacing_mm: grid.spacing_mm.map(|mm| mm as f32),
         }
-        // Where the surface is compressed strongly, whole steps go back and forth.
-        if distance > 0.9 * last {
-            share = (0.5 * share).max(0.1);
-        }
-        last = distance;
-        node = [0, 1].map(|k| node[k] + share * off[k]);
     }
-    node
+
+    fn size(&self) -> [usize; 2] {
+        [self.moved[2].width, self.moved[2].height]
+    }
+
+    /// Finds the node, between nodes, that has moved to a place.
+    pub fn find(&self, place: [f32; 2], guess: [f32; 2]) -> [f32; 2] {
+        let mut node = guess;
+        let (mut last, mut share) = (f32::INFINITY, 1.0_f32);
+        for _ in 0..MOST {
+            let taps = CubicTaps::new(node, self.size());
+            let moved = |k: usize| taps.sample(&self.moved[k]) / self.spacing_mm[k];
+            let off: [f32; 2] = std::array::from_fn(|k| place[k] - node[k] - moved(k));
+            let distance = off[0].abs().max(off[1].abs());
+            if distance < PLACE_TOLERANCE {
+                break;
+            }
+            // Where the surface is compressed strongly, whole steps go back and forth.
+            if distance > 0.9 * last {
+                share = (0.5 * share).max(0.1);
+            }
+            last = distance;
+            node = [0, 1].map(|k| node[k] + share * off[k]);
+        }
+        node
+    }
+
+    /// Returns the height of a node between nodes, mm.
+    fn height_mm(&self, node: [f32; 2]) -> f32 {
+        CubicTaps::new(node, self.size()).sample(&self.moved[2])
+    }
+
+    /// Returns the nodes' vertical forces where the nodes have gone, as forces on the nodes of the undeformed grid.
+    ///
+    /// No force is lost: each is shared among nine nodes by a quadratic B-spline. The blur of that is taken back, so that
+    /// a node which has not moved keeps its force.
+    pub fn forces_at_places(&self, force: &[f32]) -> Vec<f32> {
+        let [width, height] = self.size();
+        let tap = |place: f32, count: usize| {
+            let (nearest, t) = split(place + 0.5, count);
+            let t = t - 0.5;
+            let shares = [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)];
+            ([count - 1, 0, 1].map(|step| (nearest + step) % count), shares)
+        };
+        let place = |k: usize, at: usize| self.moved[k].data[at] / self.spacing_mm[k];
+        let mut blurred = Grid::<f32>::new(width, height);
+        for (at, force) in force.iter().enumerate().filter(|(_, force)| **force != 0.0) {
+            let (xs, x_shares) = tap((at % width) as f32 + place(0, at), width);
+            let (ys, y_shares) = tap((at / width) as f32 + place(1, at), height);
+            for (y, down) in ys.into_iter().zip(y_shares) {
+                for (x, along) in xs.into_iter().zip(x_shares) {
+                    blurred.row_mut(y)[x] += down * along * force;
+                }
+            }
+        }
+        let (reach, shares) = inverse_of_spline();
+        let mut along = Grid::<f32>::new(width, height);
+        for y in 0..height {
+            let from = blurred.row(y);
+            for (x, to) in along.row_mut(y).iter_mut().enumerate() {
+                let first = x + reach * (width - 1);
+                *to = shares.iter().enumerate().map(|(k, share)| share * from[(first + k) % width]).sum();
+            }
+        }
+        for y in 0..height {
+            let to = blurred.row_mut(y);
+            to.fill(0.0);
+            for (k, share) in shares.iter().enumerate() {
+                let from = along.row((y + reach * (height - 1) + k) % height);
+                to.iter_mut().zip(from).for_each(|(to, from)| *to += share * from);
+            }
+        }
+        blurred.data
+    }
+}
+
+/// Returns the filter that undoes a quadratic B-spline's blur of nodes, 1/8, 3/4, 1/8 (Unser, Aldroubi and Eden 1993), and
+/// how many nodes it reaches to each side.
+fn inverse_of_spline() -> (usize, Vec<f32>) {
+    const REACH: usize = 6;
+    let pole = 2.0 * std::f32::consts::SQRT_2 - 3.0;
+    let shares: Vec<f32> = (0..=2 * REACH).map(|k| pole.powi(k.abs_diff(REACH) as i32)).collect();
+    let sum: f32 = shares.iter().sum();
+    (REACH, shares.iter().map(|share| share / sum).collect())
+}
+
+/// Returns how much of the difference is left at a place, nodes from the torus's border.
+fn taper(place: f32, count: usize) -> f32 {
+    let beside = 1.0 - (2.0 * f64::from(place) / count as f64 - 1.0).abs();
+    let t = (beside / TAPER).min(1.0);
+    (t * t * (3.0 - 2.0 * t)) as f32
+}
+
+/// Marks the cells, named by their first node, around which heights differ by more than `most`.
+fn find_steep(surface: &Grid<f32>, most: f32) -> Vec<bool> {
+    let Grid { width, height, .. } = *surface;
+    let mut steep = Vec::with_capacity(width * height);
+    for y in 0..height {
+        let lines = [height - 1, 0, 1, 2].map(|step| surface.row((y + step) % height));
+        for x in 0..width {
+            let columns = [width - 1, 0, 1, 2].map(|step| (x + step) % width);
+            let heights = lines.iter().flat_map(|line| columns.map(|x| line[x]));
+            let (low, high) =
+                heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), mm| (low.min(mm), high.max(mm)));
+            steep.push(high - low > most);
+        }
+    }
+    steep
 }
 
 /// Returns the whole node before a place on a torus, and how far the place is beyond it.
 fn split(place: f32, count: usize) -> (usize, f32) {
-    let below = place.floor();
-    ((below as isize).rem_euclid(count as isize) as usize, place - below)
+    // A conversion rounds towards 0, and is quicker than rounding down.
+    let towards_0 = place as isize;
+    let below = if place < towards_0 as f32 { towards_0.saturating_sub(1) } else { towards_0 };
+    (below.rem_euclid(count as isize) as usize, place - below as f32)
 }
 
-/// Samples a field on the torus by cubics (Catmull and Rom 1974).
-fn sample_cubic(field: &Grid<f32>, place: [f32; 2]) -> f32 {
-    let ((x, t), (y, s)) = (split(place[0], field.width), split(place[1], field.height));
-    let (along, down) = (catmull_rom(t), catmull_rom(s));
-    let mut sum = 0.0;
-    for (k, share) in down.iter().enumerate() {
-        let row = field.row((y + field.height + k - 1) % field.height);
-        let line: f32 = if x >= 1 && x + 2 < field.width {
-            row[x - 1..x + 3].iter().zip(along).map(|(value, share)| value * share).sum()
-        } else {
-            (0..4).map(|j| row[(x + field.width + j - 1) % field.width] * along[j]).sum()
+/// The sixteen nodes around a place on a torus, and their shares in a cubic (Catmull and Rom 1974).
+struct CubicTaps {
+    columns: [usize; 4],
+    rows: [usize; 4],
+    along: [f32; 4],
+    down: [f32; 4],
+}
+
+impl CubicTaps {
+    fn new(place: [f32; 2], [width, height]: [usize; 2]) -> Self {
+        let ((x, t), (y, s)) = (split(place[0], width), split(place[1], height));
+        let beside = |at: usize, count: usize| {
+            if at >= 1 && at + 2 < count {
+                [at - 1, at, at + 1, at + 2]
+            } else {
+                [count - 1, 0, 1, 2].map(|step| (at + step) % count)
+            }
         };
-        sum += share * line;
+        Self { columns: beside(x, width), rows: beside(y, height), along: catmull_rom(t), down: catmull_rom(s) }
     }
-    sum
-}
 
-/// Samples a field on the torus by straight lines.
-fn sample_linear(field: &Grid<f32>, place: [f32; 2]) -> f32 {
-    let ((x, t), (y, s)) = (split(place[0], field.width), split(place[1], field.height));
-    let (right, below) = ((x + 1) % field.width, (y + 1) % field.height);
-    let line = |y: usize| field.at(x, y) + t * (field.at(right, y) - field.at(x, y));
-    let (upper, lower) = (line(y), line(below));
-    upper + s * (lower - upper)
+    fn sample(&self, field: &Grid<f32>) -> f32 {
+        let mut sum = 0.0;
+        for (y, share) in self.rows.iter().zip(self.down) {
+            let row = field.row(*y);
+            sum += share * (0..4).map(|k| row[self.columns[k]] * self.along[k]).sum::<f32>();
+        }
+        sum
+    }
 }

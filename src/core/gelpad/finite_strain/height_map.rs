@@ -20,6 +20,15 @@ pub struct HeightAndSlope {
     pub slope: [f32; 2],
 }
 
+impl HeightAndSlope {
+    /// Returns the unit normal that points into the object.
+    pub fn normal(&self) -> [f32; 3] {
+        let [a, b] = self.slope;
+        let scale = 1.0 / (a * a + b * b + 1.0).sqrt();
+        [a * scale, b * scale, scale]
+    }
+}
+
 impl HeightMap {
     /// Takes samples `spacing_mm` apart, `per_node` of them from one node of the contact's grid to the next.
     pub fn new(heights_mm: Grid<f32>, spacing_mm: [f64; 2], per_node: usize) -> Self {

@@ -1,8 +1,8 @@
 //! The pad as rubber at finite strain (neo-Hookean, nearly incompressible), as a correction of the linear layer.
 //!
 //! The rubber is solved in a box around the contact, on a grid that is coarse beside the camera's (`press`). What it
-//! adds to the linear layer under the same pressure is smooth, and is interpolated (`deformed`). On the camera's grid
-//! the press is then the linear layer's, on a pad that this difference has already displaced: the contact, the surface
+//! adds to the linear layer under the same pressure is interpolated (`deformed`): it is smooth but for walls. On the
+//! camera's grid the press is then the linear layer's, on a pad that this difference has already displaced: the contact, the surface
 //! and the pressure stay as sharp as the object is (`correction`).
 //!
 //! - `element`: the rubber itself, hexahedra with one pressure each;
@@ -11,6 +11,7 @@
 //! - `anderson`: acceleration of the fixed point.
 
 use super::elastic::placed::PlacedDisplacement;
+use crate::base::grid::Grid;
 
 mod anderson;
 mod contact;
@@ -28,6 +29,9 @@ mod tests;
 pub use correction::WITHIN_TOLERANCE;
 pub use settings::{FiniteStrain, StrainSettings};
 
+/// Share of the edges' radius by which an object reaches into rubber that surely touches it.
+const SURE_REACH: f32 = 0.1;
+
 /// What rubber at finite strain adds to a linear layer under the same pressure.
 #[derive(Clone, Debug)]
 pub struct StrainCorrection {
@@ -35,6 +39,9 @@ pub struct StrainCorrection {
     pub(super) displacement: PlacedDisplacement,
     /// Motion of the surface's points along x and y, mm.
     pub(super) motion: [PlacedDisplacement; 2],
+    /// How far the object, whose edges were rounded for the solver, reaches into rubber at captured pixels beside walls,
+    /// mm; 0 elsewhere.
+    pub(super) reach_mm: Grid<f32>,
     /// Radius by which the object's edges were rounded, mm.
     pub opened_mm: f64,
     /// True if the surface sticks to the object: the tractions under it are part of the correction.
@@ -45,4 +52,13 @@ pub struct StrainCorrection {
     pub iterations: u32,
     /// Largest change of the surface in the last step, um.
     pub residual_um: f64,
+}
+
+impl StrainCorrection {
+    /// Returns how surely rubber touches the object beside a wall, 0 to 1: by how far the object reaches into it, and by
+    /// the gap that the linear layer leaves, mm. A rounded edge leaves gaps up to its radius.
+    pub(super) fn touches(&self, reach_mm: f32, gap_mm: f32) -> f32 {
+        let radius_mm = self.opened_mm as f32;
+        (reach_mm / (SURE_REACH * radius_mm)).min(1.0) * (2.0 - gap_mm / radius_mm).clamp(0.0, 1.0)
+    }
 }

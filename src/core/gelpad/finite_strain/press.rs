@@ -255,7 +255,7 @@ impl RubberSolver {
             }
             if last <= load.tolerance_mm {
                 std::mem::swap(&mut level.state, &mut image);
-                self.contact.interpolate_box(&free, &mut level.surface, load.anchors.is_none());
+                self.smooth_surface(load, level, &free);
                 return true;
             }
             if last < 0.7 * best {
@@ -279,6 +279,30 @@ impl RubberSolver {
             }
         }
         false
+    }
+
+    /// Takes the box's shortest waves from a solution's surface. Nodes that touch stay on the object: they move along it,
+    /// or not at all where they stick.
+    fn smooth_surface(&self, load: &LoadStep<'_>, level: &mut Level, free: &Field) {
+        let [x, y, z] = self.contact.smoothing(free);
+        let width = self.contact_size()[0];
+        let per_mm = self.contact.spacing_mm.map(|mm| (1.0 / mm) as f32);
+        for at in 0..level.pressure.len() {
+            let mut change = [x[at], y[at], z[at]];
+            let touches = level.force.iter().any(|force| force[at] != 0.0);
+            if touches && load.anchors.is_some() {
+                continue;
+            }
+            if touches {
+                let place = [(at % width) as f32, (at / width) as f32];
+                let normal = load.object.at([0, 1].map(|c| place[c] + level.surface[c][at] * per_mm[c])).normal();
+                let away: f32 = (0..3).map(|c| normal[c] * change[c]).sum();
+                change = [0, 1, 2].map(|c| change[c] - away * normal[c]);
+            }
+            for (surface, change) in level.surface.iter_mut().zip(change) {
+                surface[at] += change;
+            }
+        }
     }
 }
 

@@ -4,6 +4,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::anderson::Anderson;
 use super::contact::ContactGrid;
+use super::deformed::MovedNodes;
 use super::element::{ElementGrid, State};
 use super::height_map::{HeightMap, open_by_ball};
 use super::layer::{BoxLayer, inverse};
@@ -236,10 +237,9 @@ fn what_the_box_adds_is_interpolated_without_ringing() {
         (0..size[0] * size[1]).map(|at| of(at % size[0], at / size[0])).collect()
     };
     let interpolated = |contact: &mut ContactGrid, of: &dyn Fn(usize, usize) -> f32| {
-        let free = [0, 1, 2].map(|_| values(of));
-        let mut surface = free.clone();
-        contact.interpolate_box(&free, &mut surface, true);
-        surface[2].clone()
+        let by_waves = [0, 1, 2].map(|_| values(of));
+        let [_, _, change] = contact.smoothing(&by_waves);
+        change.iter().zip(&by_waves[2]).map(|(change, wave)| wave + change).collect::<Vec<f32>>()
     };
     // A long wave stays.
     let wave = |x: usize, y: usize| {
@@ -259,6 +259,61 @@ fn what_the_box_adds_is_interpolated_without_ringing() {
         "{:?}",
         (0..size[1]).map(far).collect::<Vec<_>>()
     );
+}
+
+#[test]
+fn forces_move_with_their_nodes_and_none_is_lost() {
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let (width, height) = (24, 18);
+    let mut field = |most: f32| {
+        let data = (0..width * height).map(|_| random.random_range(-most..most)).collect();
+        Grid { width, height, data }
+    };
+    let nodes = MovedNodes { moved: [field(0.9), field(0.9), field(0.1)], spacing_mm: [0.1, 0.2] };
+    let mut force = vec![0.0; width * height];
+    // Away from the border, where places are those of a torus.
+    for y in 6..12 {
+        (10..14).for_each(|x| force[y * width + x] = -((x + y) as f32));
+    }
+    let at_places = nodes.forces_at_places(&force);
+    let sum = |values: &[f32], of: &dyn Fn(usize) -> f32| -> f32 {
+        values.iter().enumerate().map(|(at, value)| value * of(at)).sum()
+    };
+    let total = sum(&force, &|_| 1.0);
+    assert!((sum(&at_places, &|_| 1.0) / total - 1.0).abs() < 1e-5);
+    let moved = |at: usize| (at % width) as f32 + nodes.moved[0].data[at] / 0.1;
+    let [then, now] = [sum(&force, &moved), sum(&at_places, &|at| (at % width) as f32)];
+    assert!(((now - then) / total).abs() < 1e-3, "{now} {then}");
+    // Nodes that stay keep their forces, but for a ripple of the fourth order.
+    let still = MovedNodes { moved: [0, 1, 2].map(|_| Grid::new(width, height)), spacing_mm: [0.1, 0.2] };
+    let smooth: Vec<f32> =
+        (0..width * height).map(|at| (std::f32::consts::TAU * (at % width) as f32 / width as f32).sin()).collect();
+    for (now, then) in still.forces_at_places(&smooth).iter().zip(&smooth) {
+        assert!((now - then).abs() < 1e-3, "{now} {then}");
+    }
+}
+
+#[test]
+fn a_place_is_where_its_node_has_gone() {
+    let (width, height) = (40, 30);
+    let wave = |at: usize, count: usize| (std::f32::consts::TAU * at as f32 / count as f32).sin();
+    let field = |of: &dyn Fn(usize, usize) -> f32| Grid {
+        width,
+        height,
+        data: (0..width * height).map(|at| of(at % width, at / width)).collect(),
+    };
+    let along_x = field(&|x, y| 0.3 * wave(x, width) * wave(y, height));
+    let along_y = field(&|x, _| 0.2 * wave(x, width));
+    let nodes = MovedNodes { moved: [along_x, along_y, field(&|_, _| 0.0)], spacing_mm: [0.1, 0.1] };
+    for y in 0..height {
+        for x in 0..width {
+            let at = y * width + x;
+            let node = [x as f32, y as f32];
+            let place = [0, 1].map(|k| node[k] + nodes.moved[k].data[at] / 0.1);
+            let found = nodes.find(place, place);
+            assert!((0..2).all(|k| (found[k] - node[k]).abs() < 5e-3), "{found:?} {node:?}");
+        }
+    }
 }
 
 #[test]
