@@ -67,7 +67,7 @@ const STIFFENING_HALF_WIDTH: f64 = 1.72;
 pub const WALL_SLOPE: f64 = 3.0;
 
 /// How much a long outline of walls adds to B, and the share of the depth from which on walls count fully.
-const OUTLINE_FACTOR: f64 = 0.5;
+const OUTLINE_FACTOR: f64 = 0.9;
 const WALL_DEPTH_FACTOR: f64 = 1.6;
 
 /// D: the term of a curved pad.
