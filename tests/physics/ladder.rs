@@ -72,8 +72,8 @@ fn every_level_but_the_blur_says_how_well_it_solved_the_contact() {
                 label.numerics,
                 label.contact
             );
-            // A ball's edge is gentle, a gear's a wall; what follows from either is 0.8 mm deep (tests of `finite_elements`).
-            let expected_um = if object == "sphere" { 2.0..30.0 } else { 30.0..300.0 };
+            // A ball's edge is gentle, a gear's a long wall; what follows from either is 0.8 mm deep.
+            let expected_um = if object == "sphere" { 2.0..30.0 } else { 30.0..500.0 };
             let model_error_um = label.numerics.model_error_um.expect("the elastic pad knows it");
             assert!(expected_um.contains(&model_error_um), "{object} {level:?}: {model_error_um}");
         }
