@@ -275,7 +275,7 @@ fn objects_to_which_the_pad_sticks_are_as_close_to_finite_elements_as_is_stated(
     const PUNCHES: [Bound; 3] = [
         bound(0.1, [1.2, 1.0], [0.72, 0.4], [1.4, 2.2]),
         bound(0.3, [15.5, 1.7], [10.0, 1.0], [0.64, 1.0]),
-        // A wide punch: what the correction finds with rounded edges is worse than linear theory.
+        // The wide punch is solved with rounded edges only, or not at all.
         bound(0.5, [75.0, 8.5], [75.0, 8.5], [0.5, 0.9]),
     ];
     check_rows("ball", Some(Friction::Stick), &BALLS);

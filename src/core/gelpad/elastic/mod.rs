@@ -316,7 +316,10 @@ impl ElasticPad {
             contact.surface = outside.crop(seen);
         }
         contact.bulge_mm = solution.displacement.largest(|w| -w);
-        self.fill_contact(&solution, depth, (object, cut), seen, (lattice, prior.strain), contact);
+        self.fill_contact(&solution, depth, (object, cut), seen, lattice, contact);
+        if let Some(strain) = prior.strain {
+            strain.lay_on_edges(depth, seen, contact);
+        }
         let edge = ContactEdge::from_mask(&contact.mask, &depth.penetration, depth.margin_px, self.mm_per_px);
         let (deepest_mm, thickness_mm) = (f64::from(depth.deepest_mm), self.layer.thickness_mm);
         let error_mm =

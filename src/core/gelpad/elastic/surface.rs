@@ -15,7 +15,6 @@ use crate::base::simd::{largest_value, simd_dispatch, sum_values};
 use crate::base::view::SURFACE_BORDER;
 use crate::depth::Depth;
 use crate::gelpad::Contact;
-use crate::gelpad::finite_strain::StrainCorrection;
 
 /// Largest gap, as a share of the depth, over which an interpolated pad counts as touching.
 const MAX_GAP_SHARE: f32 = 0.5;
@@ -28,7 +27,7 @@ impl ElasticPad {
         depth: &Depth,
         (coarse, cut): (&Grid<f32>, &[PartialPixel]),
         seen: Rect,
-        (lattice, strain): (Lattice, Option<&StrainCorrection>),
+        lattice: Lattice,
         contact: &mut Contact,
     ) {
         let (width, height) = (contact.surface.width, contact.surface.height);
@@ -90,17 +89,6 @@ impl ElasticPad {
                             *touching = if *p > 0.0 { 255 } else { *touching };
                             // On the solver's own grid, the surface in contact is the object's.
                             *w = if (*p > 0.0) & on_object { *g } else { *w };
-                        }
-                    }
-                    if let Some(strain) = strain {
-                        // The pressure of a rounded edge, and the one that the edge itself adds, may leave the surface
-                        // beside the edge deeper than the object, though rubber would touch it.
-                        let reach = &strain.reach_mm.row(seen.y0 + y)[seen.x0..seen.x1];
-                        let row = touching.iter_mut().zip(&mut *surface).zip(object).zip(reach);
-                        for (((touching, w), g), reach) in row.filter(|(_, reach)| **reach > 0.0) {
-                            let touches = strain.touches(*reach, *w - g);
-                            *w -= touches * (*w - g);
-                            *touching = if touches > 0.5 { 255 } else { *touching };
                         }
                     }
                     if y < SURFACE_BORDER || y + SURFACE_BORDER >= height {

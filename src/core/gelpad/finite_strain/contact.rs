@@ -11,6 +11,7 @@
 use super::height_map::HeightMap;
 use super::layer::{BoxLayer, Matrix, PlaneSpectrum, inverse, multiply_matrix, times, times_i, times_minus_i};
 use super::spectrum::{HalfSpectrum, RealTransform};
+use super::torus::filter;
 use crate::base::cubic::catmull_rom;
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
@@ -18,6 +19,10 @@ use crate::gelpad::elastic::layer::ElasticLayer;
 
 /// Nodes of the contact's grid per node of the box.
 pub const REFINEMENT: usize = 3;
+
+/// Filter from which waves of two nodes vanish, and in which long ones stay to the sixth order.
+const WITHOUT_SHORTEST_WAVES: [f32; 7] =
+    [1.0 / 64.0, -6.0 / 64.0, 15.0 / 64.0, 44.0 / 64.0, 15.0 / 64.0, -6.0 / 64.0, 1.0 / 64.0];
 
 /// Ratio of a crushed surface's area to that at rest, below which its normal fades.
 const SMALLEST_AREA: f32 = 0.1;
@@ -210,7 +215,7 @@ impl ContactGrid {
                     *to = by_waves[y * REFINEMENT * width + x * REFINEMENT];
                 }
             }
-            let smooth = without_shortest_waves(&nodes);
+            let smooth = filter(&nodes, &WITHOUT_SHORTEST_WAVES);
             for y in 0..rows {
                 let from = smooth.row(y);
                 for (x, to) in wide.row_mut(y).iter_mut().enumerate() {
@@ -604,26 +609,6 @@ impl ContactGrid {
 
 fn sinc(x: f64) -> f64 {
     if x == 0.0 { 1.0 } else { libm::sin(x) / x }
-}
-
-/// Smooths values on a torus: waves of two nodes vanish, long ones stay to the sixth order.
-fn without_shortest_waves(nodes: &Grid<f32>) -> Grid<f32> {
-    const SHARES: [f32; 7] = [1.0 / 64.0, -6.0 / 64.0, 15.0 / 64.0, 44.0 / 64.0, 15.0 / 64.0, -6.0 / 64.0, 1.0 / 64.0];
-    let Grid { width, height, .. } = *nodes;
-    let (mut along, mut smooth) = (Grid::<f32>::new(width, height), Grid::<f32>::new(width, height));
-    for y in 0..height {
-        let from = nodes.row(y);
-        for (x, to) in along.row_mut(y).iter_mut().enumerate() {
-            *to = SHARES.iter().enumerate().map(|(k, share)| share * from[(x + 2 * width + k - 3) % width]).sum();
-        }
-    }
-    for y in 0..height {
-        let lines: [&[f32]; 7] = std::array::from_fn(|k| along.row((y + 2 * height + k - 3) % height));
-        for (x, to) in smooth.row_mut(y).iter_mut().enumerate() {
-            *to = lines.iter().zip(SHARES).map(|(line, share)| share * line[x]).sum();
-        }
-    }
-    smooth
 }
 
 /// Computes the scalar product, in eight partial sums.

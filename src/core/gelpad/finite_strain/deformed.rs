@@ -5,8 +5,9 @@
 
 use super::contact::ContactGrid;
 use super::height_map::HeightMap;
+use super::moved_nodes::MovedNodes;
 use super::press::RubberPress;
-use crate::base::cubic::catmull_rom;
+use super::torus::TorusTaps;
 use crate::base::grid::Grid;
 use crate::gelpad::elastic::placed::{GridPlacement, PlacedDisplacement};
 
@@ -29,21 +30,8 @@ pub struct CapturedObject<'a> {
     pub placement: GridPlacement,
 }
 
-/// The nodes of the contact's grid, and where they have gone.
-pub struct MovedNodes {
-    /// Motion along x and y, and height, mm.
-    pub moved: [Grid<f32>; 3],
-    pub spacing_mm: [f32; 2],
-}
-
 /// Pixels beyond the captured ones that cubic interpolation between those needs.
 const BEYOND: usize = 2;
-
-/// Largest distance between a place and where its node goes, nodes.
-const PLACE_TOLERANCE: f32 = 1e-4;
-
-/// Most iterations for a place.
-const MOST: u32 = 60;
 
 /// Share of the torus's half width over which the difference goes to 0 at its border.
 const TAPER: f64 = 0.2;
@@ -130,7 +118,7 @@ impl DeformedSurface {
                 let rubber = nodes.height_mm(node).min(-object.at(place).height_mm);
                 let share = taper(*x, surface.width) * taper(*y, surface.height);
                 self.difference.values_mm.row_mut(py)[px] =
-                    share * (CubicTaps::new(place, nodes.size()).sample(linear) - rubber);
+                    share * (TorusTaps::new(place, nodes.size()).sample(linear) - rubber);
                 let [px, py] = [px, py].map(|px| px.wrapping_sub(BEYOND));
                 if px < size[0] && py < size[1] {
                     self.reach_mm.row_mut(py)[px] = (captured.penetration.at(px, py) + rubber).max(0.0);
@@ -144,100 +132,6 @@ impl DeformedSurface {
         let [x, y] = &self.motion;
         [&self.difference, x, y].iter().all(|placed| placed.values_mm.data.iter().all(|value| value.is_finite()))
     }
-}
-
-impl MovedNodes {
-    fn new(grid: &ContactGrid, press: &RubberPress) -> Self {
-        let [width, height] = grid.transform.size();
-        Self {
-            moved: press.surface.clone().map(|data| Grid { width, height, data }),
-            spacing_mm: grid.spacing_mm.map(|mm| mm as f32),
-        }
-    }
-
-    fn size(&self) -> [usize; 2] {
-        [self.moved[2].width, self.moved[2].height]
-    }
-
-    /// Finds the node, between nodes, that has moved to a place.
-    pub fn find(&self, place: [f32; 2], guess: [f32; 2]) -> [f32; 2] {
-        let mut node = guess;
-        let (mut last, mut share) = (f32::INFINITY, 1.0_f32);
-        for _ in 0..MOST {
-            let taps = CubicTaps::new(node, self.size());
-            let moved = |k: usize| taps.sample(&self.moved[k]) / self.spacing_mm[k];
-            let off: [f32; 2] = std::array::from_fn(|k| place[k] - node[k] - moved(k));
-            let distance = off[0].abs().max(off[1].abs());
-            if distance < PLACE_TOLERANCE {
-                break;
-            }
-            // Where the surface is compressed strongly, whole steps go back and forth.
-            if distance > 0.9 * last {
-                share = (0.5 * share).max(0.1);
-            }
-            last = distance;
-            node = [0, 1].map(|k| node[k] + share * off[k]);
-        }
-        node
-    }
-
-    /// Returns the height of a node between nodes, mm.
-    fn height_mm(&self, node: [f32; 2]) -> f32 {
-        CubicTaps::new(node, self.size()).sample(&self.moved[2])
-    }
-
-    /// Returns the nodes' vertical forces where the nodes have gone, as forces on the nodes of the undeformed grid.
-    ///
-    /// No force is lost: each is shared among nine nodes by a quadratic B-spline. The blur of that is taken back, so that
-    /// a node which has not moved keeps its force.
-    pub fn forces_at_places(&self, force: &[f32]) -> Vec<f32> {
-        let [width, height] = self.size();
-        let tap = |place: f32, count: usize| {
-            let (nearest, t) = split(place + 0.5, count);
-            let t = t - 0.5;
-            let shares = [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)];
-            ([count - 1, 0, 1].map(|step| (nearest + step) % count), shares)
-        };
-        let place = |k: usize, at: usize| self.moved[k].data[at] / self.spacing_mm[k];
-        let mut blurred = Grid::<f32>::new(width, height);
-        for (at, force) in force.iter().enumerate().filter(|(_, force)| **force != 0.0) {
-            let (xs, x_shares) = tap((at % width) as f32 + place(0, at), width);
-            let (ys, y_shares) = tap((at / width) as f32 + place(1, at), height);
-            for (y, down) in ys.into_iter().zip(y_shares) {
-                for (x, along) in xs.into_iter().zip(x_shares) {
-                    blurred.row_mut(y)[x] += down * along * force;
-                }
-            }
-        }
-        let (reach, shares) = inverse_of_spline();
-        let mut along = Grid::<f32>::new(width, height);
-        for y in 0..height {
-            let from = blurred.row(y);
-            for (x, to) in along.row_mut(y).iter_mut().enumerate() {
-                let first = x + reach * (width - 1);
-                *to = shares.iter().enumerate().map(|(k, share)| share * from[(first + k) % width]).sum();
-            }
-        }
-        for y in 0..height {
-            let to = blurred.row_mut(y);
-            to.fill(0.0);
-            for (k, share) in shares.iter().enumerate() {
-                let from = along.row((y + reach * (height - 1) + k) % height);
-                to.iter_mut().zip(from).for_each(|(to, from)| *to += share * from);
-            }
-        }
-        blurred.data
-    }
-}
-
-/// Returns the filter that undoes a quadratic B-spline's blur of nodes, 1/8, 3/4, 1/8 (Unser, Aldroubi and Eden 1993), and
-/// how many nodes it reaches to each side.
-fn inverse_of_spline() -> (usize, Vec<f32>) {
-    const REACH: usize = 6;
-    let pole = 2.0 * std::f32::consts::SQRT_2 - 3.0;
-    let shares: Vec<f32> = (0..=2 * REACH).map(|k| pole.powi(k.abs_diff(REACH) as i32)).collect();
-    let sum: f32 = shares.iter().sum();
-    (REACH, shares.iter().map(|share| share / sum).collect())
 }
 
 /// Returns how much of the difference is left at a place, nodes from the torus's border.
@@ -262,43 +156,4 @@ fn find_steep(surface: &Grid<f32>, most: f32) -> Vec<bool> {
         }
     }
     steep
-}
-
-/// Returns the whole node before a place on a torus, and how far the place is beyond it.
-fn split(place: f32, count: usize) -> (usize, f32) {
-    // A conversion rounds towards 0, and is quicker than rounding down.
-    let towards_0 = place as isize;
-    let below = if place < towards_0 as f32 { towards_0.saturating_sub(1) } else { towards_0 };
-    (below.rem_euclid(count as isize) as usize, place - below as f32)
-}
-
-/// The sixteen nodes around a place on a torus, and their shares in a cubic (Catmull and Rom 1974).
-struct CubicTaps {
-    columns: [usize; 4],
-    rows: [usize; 4],
-    along: [f32; 4],
-    down: [f32; 4],
-}
-
-impl CubicTaps {
-    fn new(place: [f32; 2], [width, height]: [usize; 2]) -> Self {
-        let ((x, t), (y, s)) = (split(place[0], width), split(place[1], height));
-        let beside = |at: usize, count: usize| {
-            if at >= 1 && at + 2 < count {
-                [at - 1, at, at + 1, at + 2]
-            } else {
-                [count - 1, 0, 1, 2].map(|step| (at + step) % count)
-            }
-        };
-        Self { columns: beside(x, width), rows: beside(y, height), along: catmull_rom(t), down: catmull_rom(s) }
-    }
-
-    fn sample(&self, field: &Grid<f32>) -> f32 {
-        let mut sum = 0.0;
-        for (y, share) in self.rows.iter().zip(self.down) {
-            let row = field.row(*y);
-            sum += share * (0..4).map(|k| row[self.columns[k]] * self.along[k]).sum::<f32>();
-        }
-        sum
-    }
 }

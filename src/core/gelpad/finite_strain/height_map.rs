@@ -51,7 +51,7 @@ impl HeightMap {
             let place = (place[k] * self.per_node as f32).clamp(0.0, (size[k] - 1) as f32);
             let nearest = (place + 0.5) as usize;
             let t = place - nearest as f32;
-            let weights = [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)];
+            let weights = spline_shares(t);
             let slopes = [t - 0.5, -2.0 * t, t + 0.5];
             let places = [nearest.saturating_sub(1), nearest, (nearest + 1).min(size[k] - 1)];
             (places, weights, slopes)
@@ -74,6 +74,11 @@ impl HeightMap {
     pub fn heights_mm(&self) -> &Grid<f32> {
         &self.heights_mm
     }
+}
+
+/// Returns the shares of three samples in a quadratic B-spline at a place `t`, -0.5 to 0.5, from the middle one.
+pub fn spline_shares(t: f32) -> [f32; 3] {
+    [0.5 * (0.5 - t) * (0.5 - t), 0.75 - t * t, 0.5 * (0.5 + t) * (0.5 + t)]
 }
 
 /// Returns the largest of the samples that [`HeightMap::at`] uses where a node is the nearest one, for each node.

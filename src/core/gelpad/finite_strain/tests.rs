@@ -4,10 +4,10 @@ use rand_chacha::ChaCha8Rng;
 
 use super::anderson::Anderson;
 use super::contact::ContactGrid;
-use super::deformed::MovedNodes;
 use super::element::{ElementGrid, State};
 use super::height_map::{HeightMap, open_by_ball};
 use super::layer::{BoxLayer, inverse};
+use super::moved_nodes::MovedNodes;
 use super::spectrum::HalfSpectrum;
 use crate::base::grid::Grid;
 use crate::gelpad::elastic::layer::ElasticLayer;
@@ -284,7 +284,7 @@ fn forces_move_with_their_nodes_and_none_is_lost() {
     let moved = |at: usize| (at % width) as f32 + nodes.moved[0].data[at] / 0.1;
     let [then, now] = [sum(&force, &moved), sum(&at_places, &|at| (at % width) as f32)];
     assert!(((now - then) / total).abs() < 1e-3, "{now} {then}");
-    // Nodes that stay keep their forces, but for a ripple of the fourth order.
+    // Nodes that stay keep their forces.
     let still = MovedNodes { moved: [0, 1, 2].map(|_| Grid::new(width, height)), spacing_mm: [0.1, 0.2] };
     let smooth: Vec<f32> =
         (0..width * height).map(|at| (std::f32::consts::TAU * (at % width) as f32 / width as f32).sin()).collect();
