@@ -118,7 +118,9 @@ pub use gelsim_core::{
     optics::calibrated::extrapolation::{CalibrationExtrapolation, CalibrationRange},
     optics::calibrated::{CalibrationColors, CalibrationTable, response::CalibrationResponse, taxim::TaximCalibration},
     optics::lamps::Lamp,
-    optics::led::Led,
+    optics::led::{Led, LedPlace},
+    optics::near_light::bounce::Coat,
+    optics::near_light::window::Window,
     optics::residual::LightResidual,
     sensor::{Background, Markers, Sensor, SensorError},
 };

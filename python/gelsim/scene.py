@@ -157,13 +157,17 @@ class Led:
     distance_mm: float = 20.0
     """Distance from the middle of the image; for the optics model `led`."""
     position_mm: Optional[tuple[float, float, float]] = None
-    """Where it is, on a gel that has a shape, in the sensor's frame."""
+    """Where it is, in the sensor's frame, in place of azimuth, elevation and distance. On a flat pad z is below 0."""
+    size_mm: Optional[tuple[float, float]] = None
+    """Width along the pad and height, for the optics model `led`; from `angular_size_deg` if left out."""
+    lobe: float = 0.0
+    """Exponent of the cosine about the direction to the middle of the image; for the optics model `led`."""
     name: str = "led"
     """What messages call it."""
 
     def __post_init__(self) -> None:
         checks = Checks("Led: ")
-        position = self.position_mm
+        position, size = self.position_mm, self.size_mm
         keep(
             self,
             azimuth_deg=checks.number("azimuth_deg", self.azimuth_deg, -TURNS_DEG, TURNS_DEG, "degrees"),
@@ -173,6 +177,8 @@ class Led:
             angular_size_deg=checks.numbers("angular_size_deg", self.angular_size_deg, 2, 0.0, 90.0, "degrees"),
             distance_mm=checks.number("distance_mm", self.distance_mm, 1e-2, 1e6, "mm"),
             position_mm=None if position is None else checks.numbers("position_mm", position, 3, -1e6, 1e6, "mm"),
+            size_mm=None if size is None else checks.numbers("size_mm", size, 2, 0.0, 1e3, "mm"),
+            lobe=checks.number("lobe", self.lobe, 0.0, 100.0),
         )
         honest("Led: name", self.name)
         if not isinstance(self.name, str):

@@ -52,6 +52,8 @@ effects! {
     Shading, "shading", "light of the LEDs on the deformed surface; runs where the surface is not flat";
     Grain, "grain", "relief of the pad's coating; runs where a coated pad is deformed";
     Shadows, "shadows", "shadows cast on the surface; run for each LED that is lower than the steepest slope";
+    Mirror, "mirror", "images of the LEDs in the window, which light the pad, too; run where the surface is not flat";
+    Bounce, "bounce", "light that one part of the coat throws onto another; runs where slopes are steep enough";
     Darkening, "darkening", "loss of light with depth; runs with shading where the surface is pressed in";
     Markers, "markers", "dots printed on the pad, or pins inside it; run where something moves them or they differ between samples";
     Defocus, "defocus", "blur of the lens; runs where the press changed the light";

@@ -14,6 +14,8 @@ use crate::optics::background::{BackgroundImage, RenderedBackground};
 use crate::optics::calibrated::CalibrationTable;
 use crate::optics::lamps::{self, Lamp};
 use crate::optics::led::Led;
+use crate::optics::near_light::bounce::Coat;
+use crate::optics::near_light::window::Window;
 use crate::optics::residual::LightResidual;
 use crate::optics::{Illumination, LightSource};
 
@@ -55,6 +57,10 @@ pub struct Sensor {
     pub stray_light: Option<[f64; 3]>,
     /// Light that the LEDs leave unexplained, for the optics models `phong` and `led`.
     pub light_residual: Option<Arc<LightResidual>>,
+    /// The window between gel and air, in which near LEDs are mirrored; `None`: nothing is mirrored.
+    pub window: Option<Window>,
+    /// How the coat reflects; used by the optics model `led`.
+    pub coat: Coat,
     /// Calibrated optics, for the optics model `calibrated`.
     pub calibration: Option<Arc<CalibrationTable>>,
     /// Dots printed on the pad; `None` if there are none.
@@ -153,6 +159,8 @@ impl Sensor {
             darkening: 0.0,
             stray_light: None,
             light_residual: None,
+            window: None,
+            coat: Coat::default(),
             calibration: None,
             markers: None,
             camera: CameraParams::default(),
@@ -218,6 +226,8 @@ impl Sensor {
             darkening: self.darkening,
             stray_light: self.stray_light,
             residual: self.light_residual.as_deref(),
+            window: self.window.as_ref(),
+            coat: self.coat,
         }
     }
 

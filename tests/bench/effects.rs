@@ -47,6 +47,12 @@ fn effects() {
         ("shadows, 4 LEDs at 8.5 degrees, dots", "dots", plain.into(), String::new()),
         ("shadows, 3 LEDs at 20 degrees, dots", "dots", none("gelsight-2017"), shadows("gelsight-2017")),
         ("optics led instead of phong, dots", "dots", plain.into(), "optics.led.shadows = \"none\"".into()),
+        (
+            "4 rows in a window over a coat, ball",
+            "sphere",
+            format!("{plain}\n"),
+            format!("[optics.led]\nspecular = 0.0\n[sensor]\nwindow.distance_mm = 6.0\ncoat.albedo = 0.3\n{ROWS}"),
+        ),
         ("grain, dots", "dots", plain.into(), format!("{plain}\n[sensor.grain]\nheight_um = 1.0\nsize_mm = 0.1")),
         (
             "texture, dots, pad blurred",
@@ -90,6 +96,14 @@ fn effects() {
         println!("{name:<44} {:>9.2} {:>9.2} {:>9.2}", ms[0], ms[1], ms[1] - ms[0]);
     }
 }
+
+/// Rows of LEDs beside the pad.
+const ROWS: &str = "led = [
+    { position_mm = [13.0, 0.0, -2.5], size_mm = [10.0, 1.0], lobe = 1.0, color = [0.5, 0.5, 0.5] },
+    { position_mm = [0.0, 11.0, -2.5], size_mm = [14.0, 1.0], lobe = 1.0, color = [0.15, 0.3, 1.0] },
+    { position_mm = [-13.0, 0.0, -2.5], size_mm = [10.0, 1.0], lobe = 1.0, color = [1.0, 0.2, 0.2] },
+    { position_mm = [0.0, -11.0, -2.5], size_mm = [14.0, 1.0], lobe = 1.0, color = [0.15, 1.0, 0.35] },
+]";
 
 const KNURLED: &str = "[texture]\npatterns = [\"knurled\"]\namplitude_mm = 0.05\nscale_mm = 0.8";
 

@@ -560,7 +560,7 @@ BOUNCE = "cargo test --release --test library physics::interreflection -- --noca
 IN_PLANE = "cargo test --release --test library physics::inplane -- --nocapture"
 TEETH = "physics::walls::a_turned_wall_has_no_saw_teeth_at_any_level"
 NEAR_BALL = "physics::near_light::light_of_a_near_led_on_a_ball_is_that_of_traced_rays_within_a_third_of_a_level"
-NEAR_SHADOWS = "physics::near_light::shadows_of_near_leds_are_parallel_and_off_by_what_the_page_says"
+NEAR_SHADOWS = "physics::near_light::shadows_of_near_leds_are_off_by_what_the_page_says"
 
 
 def walls(output):

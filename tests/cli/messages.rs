@@ -886,9 +886,15 @@ fn gels_lenses_and_pins_that_make_no_sense_are_refused() {
     finger("led = [{ position_mm = «[0.0, 0.0, 3.0]» }]", "the LED is outside of the gel", "below 0 inside");
     one_mistake(
         "[sensor]",
-        "[sensor]\nled = [{ position_mm = «[0.0, 0.0, -3.0]» }]",
-        "places an LED in a gel that has a shape",
-        "add [sensor.shape]",
+        "[sensor]\nled = [{ position_mm = «[0.0, 0.0, 3.0]» }]",
+        "not on the camera's side of the pad",
+        "z is 0 on the pad and below 0 on the camera's side",
+    );
+    one_mistake(
+        "[sensor]",
+        "[sensor]\nwindow.distance_mm = 2.0\nled = [{ position_mm = «[0.0, 9.0, -3.0]» }]",
+        "the LED is 3 mm from the plane of the pad, beyond the window at 2 mm",
+        "before the window",
     );
 }
 

@@ -118,8 +118,7 @@ fn the_sheet_of_effects_has_a_row_for_each_that_a_job_calls_for() {
     // Deformation, supersampling, shading, shadows, darkening, vignette, noise.
     let row = 36 + 18 + 6;
     assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (196 + 6) + 6, 18 + 6 + 7 * row));
-    let left_out =
-        "texture, rest_shape, friction, finite_strain, shear, grain, markers, defocus, distortion, speckle, exposure";
+    let left_out = "texture, rest_shape, friction, finite_strain, shear, grain, mirror, bounce, markers, defocus, distortion, speckle, exposure";
     assert!(said.contains(&format!("note: samples 0 to 7: not enabled: {left_out}\n")), "{said}");
     assert_eq!(folder.files("").len(), 4, "only the picture was written");
 }

@@ -33,7 +33,7 @@ fn image(press: &str, more: &str) -> Vec<u8> {
 }
 
 /// Lines of a job that ask for an effect at strength zero, and those without which it is none.
-const ZEROS: [(&str, &str); 13] = [
+const ZEROS: [(&str, &str); 15] = [
     ("texture = { patterns = ['noise', 'woven'], amplitude_mm = 0.0 }", ""),
     ("texture.amplitude_mm = { choice = [0.0] }", ""),
     ("markers.diameter_mm = 0.0", ""),
@@ -53,6 +53,9 @@ const ZEROS: [(&str, &str); 13] = [
         "",
     ),
     ("sensor.grain = { height_um = 0.0, size_mm = 0.1 }", ""),
+    ("optics = 'led'\nsensor.coat.albedo = 0.0", "optics = 'led'"),
+    // A window between equal bodies reflects only what runs along it.
+    ("optics = 'led'\nsensor.window = { distance_mm = 900.0, refractive_index = 1.0 }", "optics = 'led'"),
     // What an LED looks like is only seen in the shadows that it casts.
     (
         "optics.phong.shadows = 'none'\nsensor.led = [{ angular_size_deg = [40.0, 40.0] }]",

@@ -3,6 +3,7 @@
 pub mod cut_pixels;
 pub mod dense_contact;
 pub mod fourier;
+pub mod path_tracer;
 pub mod pipeline_f64;
 pub mod pressed_pixel;
 pub mod ray_tracer;

@@ -1,4 +1,4 @@
-//! Why there is no interreflection: what a dent's walls throw at each other, by a slow sum over all pairs of pixels.
+//! Why light of LEDs at infinity has no bounce: what a dent's walls throw at each other, by a slow sum over all pairs of pixels.
 //!
 //! Each pixel gives back a share of the diffuse light that it gets, alike in all directions (Lambert 1760), and every
 //! other pixel that it faces gets its part: cos cos / (pi d^2) of it per area. One bounce, an albedo of one half, and

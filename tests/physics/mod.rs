@@ -57,4 +57,5 @@ mod soft;
 mod solutions;
 mod support;
 pub mod symmetry;
+mod transport;
 mod walls;

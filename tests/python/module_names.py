@@ -38,6 +38,8 @@ def sensors() -> gelsim.Sensor:
         angular_size_deg=(30.0, 10.0),
         distance_mm=25.0,
         position_mm=None,
+        size_mm=(6.0, 1.0),
+        lobe=1.0,
         name="amber",
     )
     lit = sensor.with_leds([*sensor.leds, more])

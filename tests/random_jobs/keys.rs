@@ -43,7 +43,7 @@ pub const GELPADS: &[(u32, &str)] = &[
 
 pub const LED: [&str; 3] = [
     "{ azimuth_deg = <0.0|45.0|120.0|200.0|270.0>, elevation_deg = <0.0|3.0|12.0|30.0|60.0|90.0>, \
-     angular_size_deg = <[0.0, 0.0]|[2.0, 5.0]|[40.0, 10.0]|[90.0, 50.0]>, distance_mm = <6.0|20.0|200.0>, \
+     angular_size_deg = <[0.0, 0.0]|[2.0, 5.0]|[40.0, 10.0]|[90.0, 50.0]>, distance_mm = <6.0|20.0|200.0>, lobe = <0.0|1.0>, \
      color = <[1.0, 0.0, 0.0]|[0.0, 1.0, 0.0]|[0.0, 0.0, 1.0]|[1.0, 0.9, 0.8]>, intensity = <0.05|0.5|1.0|3.0> }",
     "{ azimuth_deg = <-360..360>, elevation_deg = <0..90>, color = [<0..1>, <0..1>, <0..1>], intensity = <~0..100> }",
     "{ azimuth_deg = <0.0|90.0|123.0|-3600.0>, elevation_deg = <0.0|1e-9|8.5|45.0|90.0>, \
@@ -135,6 +135,8 @@ pub const KEYS: &[Key] = &[
     ("sensor.light_residual", [&["", "", RESIDUAL], &[], RESIDUAL_ENDS]),
     ("sensor.background", [&["", "", "", "'PHOTOGRAPH'"], &[], &[]]),
     ("sensor.rest_shape", [RESTS, &[], &[]]),
+    ("sensor.window", [&["", "{ distance_mm = 300.0 }"], &["", "{ distance_mm = 900.0 }"], &[]]),
+    ("sensor.coat", [&["", "{ albedo = 0.5 }"], &["", "{ albedo = <0..1> }"], &["{ albedo = 1.0 }"]]),
     ("sensor.grain", [GRAIN, &["", "{ height_um = <0..100>, size_mm = <1e-3..1e3> }"], GRAIN_ENDS]),
     ("pose.yaw_deg", [&["0.0", "[0.0, 360.0]"], &["<~-3600..3600>"], &["1e-9", "45.0", "-90.0", "3600.0"]]),
     ("pose.tilt_deg", [&["0.0", "[0.0, 10.0]"], &["<~-90..90>"], &["1e-9", "0.01", "89.9999", "90.0", "-90.0"]]),

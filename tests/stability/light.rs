@@ -40,6 +40,13 @@ fn calibrated(name: &'static str, trouble: &'static str) -> Case {
     Case::new(name, trouble).file("table.json", to_json_line(&table)).set("sensor.calibration = 'FOLDER/table.json'")
 }
 
+/// A case with near LEDs before a window, over a white coat.
+fn near(name: &'static str, trouble: &'static str, tables: &str) -> Case {
+    leds(name, trouble, tables)
+        .set("sensor.window = { distance_mm = 8.0, refractive_index = 3.0 }")
+        .set("sensor.coat.albedo = 1.0")
+}
+
 /// The case with walls; its normals are asked for.
 const WALL: &str = "normals at 89.999 degrees";
 
@@ -65,6 +72,13 @@ fn cases() -> Vec<Case> {
         leds("an LED below the horizon", "light through the shell", "{ elevation_deg = -5.0 }")
             .refused("elevation_deg = -5 is out of range"),
         leds("an LED at the zenith", "an azimuth of nothing", "{ elevation_deg = 90.0, angular_size_deg = [90.0, 90.0] }"),
+        near("rows in the window", "total reflection", "{ position_mm = [0.0, -9.0, -4.0], size_mm = [12.0, 1.0], lobe = 1.0 }"),
+        near("a row of nothing at the coat", "points in one place", "{ position_mm = [0.0, -9.0, -1e-3], size_mm = [0.0, 0.0], lobe = 100.0 }"),
+        near("a row over the pad", "an LED under the press", "{ position_mm = [0.0, 0.0, -0.5], size_mm = [1000.0, 0.0] }"),
+        near("an LED on the pad", "light from the plane", "{ position_mm = [3.0, 0.0, 0.0] }")
+            .refused("the LED is not on the camera's side of the pad"),
+        near("an LED beyond the window", "an image before it", "{ position_mm = [3.0, 0.0, -8.0] }")
+            .refused("beyond the window at 8 mm"),
         Case::new(WALL, "overflow of a squared slope")
             .view([48, 36], [1e-3; 2])
             .pad(1000.0, 0.48)

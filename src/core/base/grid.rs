@@ -177,6 +177,13 @@ impl Rect {
         }
     }
 
+    /// Returns the part that both have in common; an empty one if there is none.
+    pub(crate) fn intersection(self, other: Self) -> Self {
+        let (x0, y0) = (self.x0.max(other.x0), self.y0.max(other.y0));
+        let (x1, y1) = (self.x1.min(other.x1), self.y1.min(other.y1));
+        if x0 >= x1 || y0 >= y1 { Self::default() } else { Self { x0, y0, x1, y1 } }
+    }
+
     /// Returns the rectangle in the pixel coordinates of a window whose first pixel is (`left`, `top`) and whose size
     /// is `width` x `height`; the part outside the window is cut off.
     pub fn in_window(self, left: usize, top: usize, width: usize, height: usize) -> Self {

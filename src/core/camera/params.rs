@@ -90,6 +90,8 @@ impl CameraParams {
                 | Effect::Shading
                 | Effect::Grain
                 | Effect::Shadows
+                | Effect::Mirror
+                | Effect::Bounce
                 | Effect::Darkening
                 | Effect::Markers => self,
             },

@@ -131,7 +131,9 @@ impl CurvedGel {
             }
             GelPicture::Pins(picture) => picture,
         };
-        for effect in [Effect::Shading, Effect::Supersampling, Effect::Shadows, Effect::Darkening] {
+        for effect in
+            [Effect::Shading, Effect::Supersampling, Effect::Shadows, Effect::Mirror, Effect::Bounce, Effect::Darkening]
+        {
             effects.enable(effect, Requirement::Absent("the camera sees pins, not the skin's relief"));
         }
         effects.run_timed(Effect::Markers, || {

@@ -46,6 +46,9 @@ impl CurvedGel {
             (false, false) => Requirement::Needed(why),
         };
         let shades = effects.enable(Effect::Shading, need("the skin is pressed in"));
+        for effect in [Effect::Mirror, Effect::Bounce] {
+            effects.enable(effect, Requirement::Absent("it is computed on flat pads only"));
+        }
         let darkens = match skin.darkens_with_depth() {
             true => need("the skin is pressed in"),
             false => Requirement::Absent("the optics model has no darkening"),

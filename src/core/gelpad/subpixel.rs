@@ -78,12 +78,6 @@ impl Subpixel {
         }
     }
 
-    /// Returns the surface at each offset of a pixel, mm.
-    #[inline(always)]
-    pub(crate) fn heights_mm(&self, pixel: &SampledPixel) -> [f32; SAMPLES] {
-        self.heights_mm[pixel.numbers[1] as usize]
-    }
-
     /// Returns the surface's slopes at each offset of a pixel, along the row and down; positive where it falls.
     #[inline(always)]
     pub(crate) fn sample_slopes(&self, pixel: &SampledPixel) -> [[f32; SAMPLES]; 2] {
@@ -96,18 +90,13 @@ impl Subpixel {
         [fall(here - 1, here + 1, per_x), fall(above, below, per_y)]
     }
 
-    /// Returns the slopes of a relief under a pixel in row `y` of the view, positive where it falls, and its height,
-    /// mm. The relief is on the grid of [`Contact::surface`].
-    pub(crate) fn relief_slope_and_height(
-        &self,
-        pixel: &SampledPixel,
-        y: usize,
-        relief: &Grid<f32>,
-    ) -> ([f32; 2], f32) {
+    /// Returns the slopes of a relief under a pixel in row `y` of the view, positive where it falls. The relief is on the
+    /// grid of [`Contact::surface`].
+    pub(crate) fn relief_slope(&self, pixel: &SampledPixel, y: usize, relief: &Grid<f32>) -> [f32; 2] {
         let [x, y] = [pixel.x as usize, y].map(|at| at + SURFACE_BORDER);
         let fall_x = (relief.at(x - 1, y) - relief.at(x + 1, y)) * self.slope_per_mm[0];
         let fall_y = (relief.at(x, y - 1) - relief.at(x, y + 1)) * self.slope_per_mm[1];
-        ([fall_x, fall_y], relief.at(x, y))
+        [fall_x, fall_y]
     }
 }
 

@@ -200,6 +200,9 @@ impl LampShader {
         let shades = effects.enable(Effect::Shading, need);
         effects.enable(Effect::Grain, Requirement::Absent("the lamps were measured on a smooth pad"));
         effects.enable(Effect::Shadows, Requirement::Absent("the lamps' light is without shadows"));
+        for effect in [Effect::Mirror, Effect::Bounce] {
+            effects.enable(effect, Requirement::Absent("the measured light holds it"));
+        }
         effects.enable(Effect::Darkening, Requirement::Absent("the lamps' light does not depend on depth"));
         if !shades {
             return Light::default();

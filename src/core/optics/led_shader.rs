@@ -8,12 +8,14 @@ use crate::gelpad::Contact;
 
 use super::Illumination;
 use super::background::BackgroundImage;
-use super::coarse::CoarseGrid;
-use super::led::{PlacedLed, RowPositions};
+use super::coarse::{CoarseGrid, CoarseValues};
+use super::led::PlacedLed;
+use super::near_light::bounce::hidden_sky;
+use super::near_light::{Hidden, LightField, NearLights, Needs};
 use super::phong::{Equation, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::ShadowCasting;
-use super::threshold::{self, PadExtent, Threshold};
+use super::threshold::{LightBound, PadExtent, Threshold};
 use crate::base::light::{LazyLight, Light};
 use shading::ShadedSurface;
 
@@ -22,7 +24,7 @@ mod shading;
 /// LEDs prepared for one sensor: everything that is the same in every sample.
 pub struct LedShader {
     pub(super) phong: Phong,
-    pub(super) leds: Vec<PlacedLed>,
+    pub(super) lights: Lights,
     /// Light of each LED on a flat pad, to be subtracted; empty if nothing is.
     flat_reflection: Vec<RestReflection>,
     relief: Option<PadRelief>,
@@ -34,12 +36,39 @@ pub struct LedShader {
     /// Light that the LEDs leave unexplained.
     pub(super) residual: Option<residual::PreparedResidual>,
     pub(super) view: View,
-    /// Places of the view's columns, mm from its middle.
-    pub(super) columns_mm: Vec<f32>,
+}
+
+/// The LEDs, prepared.
+pub(super) enum Lights {
+    /// At infinity.
+    Distant(Vec<PlacedLed>),
+    /// At their distances.
+    Near(Box<NearLights>),
+}
+
+impl Lights {
+    /// Returns colour times intensity of each LED.
+    pub fn colors(&self) -> Vec<[f32; 3]> {
+        match self {
+            Self::Distant(leds) => leds.iter().map(|led| led.color).collect(),
+            Self::Near(near) => near.leds.iter().map(|led| led.color).collect(),
+        }
+    }
+}
+
+/// What the light of a press is computed from, besides the surface.
+#[derive(Default)]
+struct PressLight {
+    /// The fraction of each distant LED that is seen; empty where all of it is.
+    visible_shares: Vec<Option<CoarseValues>>,
+    /// The light of near LEDs.
+    field: Option<LightField>,
 }
 
 /// A pad that is not smooth and flat at rest.
 struct PadRelief {
+    /// Its highest point, mm; 0 if all of it is lower.
+    highest_mm: f32,
     /// Height, mm towards the camera, on the grid of [`Contact::surface`].
     shape: Grid<f32>,
     /// Light of each LED on the relief at rest, to be subtracted; empty if nothing is.
@@ -68,20 +97,25 @@ pub(super) enum RestReflection {
 impl LedShader {
     /// Prepares the LEDs of a sensor whose pad has `relief` at rest; `near` if their distances count.
     pub fn new(phong: Phong, near: bool, light: &Illumination, view: &View, relief: Option<Grid<f32>>) -> Self {
-        let mut leds: Vec<PlacedLed> = light.leds.iter().map(|led| PlacedLed::new(led, near)).collect();
         let pad = PadExtent::new(light.field_of_view_mm, relief.as_ref());
-        threshold::ignore_height_of_far_leds(&mut leds, &phong, pad, light.thickness_mm);
+        let lights = match near {
+            false => Lights::Distant(light.leds.iter().map(PlacedLed::new).collect()),
+            true => Lights::Near(Box::new(NearLights::new(&phong, light.leds, light.window, light.coat, view))),
+        };
+        let bounds = match &lights {
+            Lights::Distant(leds) => leds.iter().map(LightBound::of_distant_led).collect(),
+            Lights::Near(near) => LightBound::of_near_lights(near, &phong, pad),
+        };
         let mut shader = Self {
-            threshold: Threshold::new(&phong, &leds, pad, relief.is_some(), light),
+            threshold: Threshold::new(&phong, &bounds, relief.is_some(), light),
             phong,
-            leds,
+            lights,
             flat_reflection: Vec::new(),
             relief: None,
             darkening_per_mm: light.darkening_per_mm(&phong) as f32,
             residual: light.residual.map(LightResidual::prepare),
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
-            columns_mm: (0..view.resolution_px[0]).map(|x| view.point_mm([x as f64 + 0.5, 0.0])[0] as f32).collect(),
         };
         let relative = phong.equation == Equation::Relative;
         if relative {
@@ -98,6 +132,7 @@ impl LedShader {
                 true => shading::compute_rest_residual(&shader, &shape),
                 false => None,
             },
+            highest_mm: shape.largest(|mm| mm),
             shape,
         });
         shader
@@ -109,17 +144,12 @@ impl LedShader {
         Grid::new(width, height)
     }
 
-    /// Returns where the pixels of a row are; `heights_mm` are those of the surface there.
-    #[inline(always)]
-    pub(super) fn row_positions<'a>(&'a self, part: Rect, row: usize, heights_mm: &'a [f32]) -> RowPositions<'a> {
-        RowPositions { x_mm: &self.columns_mm[part.x0..part.x1], y_mm: self.row_y_mm(part.y0 + row), heights_mm }
-    }
-
-    /// Returns where a row of the view is, mm from its middle.
-    #[inline(always)]
-    pub(super) fn row_y_mm(&self, y: usize) -> f32 {
-        let View { resolution_px: [_, height], mm_per_px: [_, pixel_mm] } = self.view;
-        ((y as f64 + 0.5 - height as f64 / 2.0) * pixel_mm) as f32
+    /// Computes the light of near LEDs on a pad at rest; `None` if they are at infinity.
+    fn field_at_rest(&self, shape: &Grid<f32>) -> Option<LightField> {
+        match &self.lights {
+            Lights::Distant(_) => None,
+            Lights::Near(near) => Some(near.field_at_rest(shape)),
+        }
     }
 
     /// Computes the light of the untouched pad.
@@ -133,6 +163,7 @@ impl LedShader {
             None => (&flat, &self.flat_reflection),
         };
         let residual_at_rest = self.relief.as_ref().and_then(|relief| relief.residual_at_rest.as_ref());
+        let field = self.field_at_rest(shape);
         let lit = ShadedSurface {
             shape,
             displacement: &flat,
@@ -141,6 +172,7 @@ impl LedShader {
             subpixel: None,
             relief: None,
             visible_shares: &[],
+            field: field.as_ref(),
             darkening_per_mm: 0.0,
         };
         shading::shade_region(self, &lit, rest, Rect::whole(rest.width, rest.height))
@@ -153,7 +185,7 @@ impl LedShader {
         rest: &'a BackgroundImage,
         effects: &mut EffectLog,
     ) -> LazyLight<'a> {
-        let (surface, everywhere) = (&contact.surface, effects.runs_everywhere());
+        let surface = &contact.surface;
         let bent = effects.run_timed(Effect::Shading, || self.threshold.visible_region(contact, &self.view));
         // Samples within a pixel see bends beside it.
         let bent = contact.subpixel.as_ref().map_or(bent, |subpixel| bent.union(subpixel.region));
@@ -171,35 +203,20 @@ impl LedShader {
         let at_rest = relief.map_or(&self.flat_reflection, |relief| &relief.at_rest);
         let residual_at_rest = relief.and_then(|relief| relief.residual_at_rest.as_ref());
 
-        let shadows = effects.run_timed(Effect::Shadows, || self.find_shadows(surface, bent, everywhere));
-        let need = match self.phong.shadows {
-            Shadows::None => Requirement::Absent("the optics model has no shadows"),
-            Shadows::Soft(_) if !bent.is_empty() && shadows.is_none() => {
-                Requirement::Unneeded("no slope rises above an LED")
-            }
-            Shadows::Soft(_) => if_bent("a slope rises above an LED"),
-        };
-        let shadows = if effects.enable(Effect::Shadows, need) { shadows } else { None };
-
         let need = match self.darkening_per_mm > 0.0 {
             true => if_bent("the surface is pressed in"),
             false => Requirement::Absent("the optics model has no darkening"),
         };
         let darkening_per_mm = if effects.enable(Effect::Darkening, need) { self.darkening_per_mm } else { 0.0 };
+        let shape = rough.as_ref().unwrap_or(surface);
+        let whole = Rect::whole(rest.width, rest.height);
+        let (region, press_light) = match &self.lights {
+            Lights::Distant(leds) => self.light_of_distant_leds(leds, surface, bent, whole, effects),
+            Lights::Near(near) => self.light_of_near_leds(near, (surface, shape), bent, whole, effects),
+        };
         if !shades {
             return Light::default().into();
         }
-
-        let whole = Rect::whole(rest.width, rest.height);
-        let (region, visible) = effects.run_timed(Effect::Shadows, || {
-            let region = match &shadows {
-                _ if everywhere => whole,
-                None => bent,
-                Some(shadows) => shadows.shadowed_region(bent, &self.view),
-            };
-            let visible = shadows.map(|shadows| shadows.compute_visible_shares(&self.view, region));
-            (region, visible.unwrap_or_default())
-        });
         let light = move |part: Rect| {
             let lit = ShadedSurface {
                 shape: rough.as_ref().unwrap_or(surface),
@@ -208,7 +225,8 @@ impl LedShader {
                 residual_at_rest,
                 subpixel: contact.subpixel.as_ref(),
                 relief: relief.map(|relief| &relief.shape),
-                visible_shares: &visible,
+                visible_shares: &press_light.visible_shares,
+                field: press_light.field.as_ref(),
                 darkening_per_mm,
             };
             shading::shade_region(self, &lit, rest, part)
@@ -216,23 +234,113 @@ impl LedShader {
         LazyLight::Pending(region, Box::new(light))
     }
 
+    /// Finds where a press with its bends in `bent` changes the light of LEDs at infinity, and what they shadow.
+    fn light_of_distant_leds(
+        &self,
+        leds: &[PlacedLed],
+        surface: &Grid<f32>,
+        bent: Rect,
+        whole: Rect,
+        effects: &mut EffectLog,
+    ) -> (Rect, PressLight) {
+        let everywhere = effects.runs_everywhere();
+        let shadows = effects.run_timed(Effect::Shadows, || self.find_shadows(leds, surface, bent, everywhere));
+        let shadows =
+            if effects.enable(Effect::Shadows, self.need_of_shadows(bent, shadows.is_some())) { shadows } else { None };
+        effects.enable(Effect::Mirror, Requirement::Absent("distant LEDs have no image in a window"));
+        effects.enable(Effect::Bounce, Requirement::Absent("the optics model has no bounce"));
+        effects.run_timed(Effect::Shadows, || {
+            let region = match &shadows {
+                _ if everywhere => whole,
+                None => bent,
+                Some(shadows) => shadows.shadowed_region(bent, &self.view),
+            };
+            let visible = shadows.map(|shadows| shadows.compute_visible_shares(&self.view, region));
+            (region, PressLight { visible_shares: visible.unwrap_or_default(), field: None })
+        })
+    }
+
+    /// Finds where a press with its bends in `bent` changes the light of near LEDs, and computes that light. Shadows fall
+    /// from the displaced `surface`; with the relief of the pad it has the given shape.
+    fn light_of_near_leds(
+        &self,
+        near: &NearLights,
+        (surface, shape): (&Grid<f32>, &Grid<f32>),
+        bent: Rect,
+        whole: Rect,
+        effects: &mut EffectLog,
+    ) -> (Rect, PressLight) {
+        let everywhere = effects.runs_everywhere();
+        let if_bent =
+            |why| if bent.is_empty() { Requirement::Unneeded("the surface is flat") } else { Requirement::Needed(why) };
+        let needs = effects.run_timed(Effect::Shadows, || match bent.is_empty() && !everywhere {
+            true => Needs::default(),
+            false => near.needs(surface, self.relief.as_ref().map_or(0.0, |relief| relief.highest_mm), everywhere),
+        });
+        let shadows = effects.enable(Effect::Shadows, self.need_of_shadows(bent, needs.shadows));
+        let need = match near.has_mirror() {
+            true => if_bent("the window shows the LEDs to a bent surface"),
+            false => Requirement::Absent("the sensor has no window"),
+        };
+        let mirror = effects.enable(Effect::Mirror, need);
+        let need = match near.albedo > 0.0 {
+            true if !bent.is_empty() && !needs.bounce => {
+                Requirement::Unneeded("no slope is steep enough to light another")
+            }
+            true => if_bent("slopes light each other"),
+            false => Requirement::Absent("the coat has no albedo"),
+        };
+        let bounce = effects.enable(Effect::Bounce, need);
+        let needs = Needs { shadows, bounce, ..needs };
+        let reached = if everywhere { whole } else { near.changed_region(bent, needs) };
+        if reached.is_empty() {
+            return (reached, PressLight::default());
+        }
+        let hidden = match shadows || bounce {
+            true => {
+                let finding = if shadows { Effect::Shadows } else { Effect::Bounce };
+                let horizons = effects.run_timed(finding, || near.find_horizons(surface, reached, needs));
+                let visible =
+                    shadows.then(|| effects.run_timed(Effect::Shadows, || near.find_visible(shape, &horizons)));
+                let sky = bounce.then(|| effects.run_timed(Effect::Bounce, || hidden_sky(&horizons)));
+                Hidden::new(horizons.part, visible.unwrap_or_default(), sky.unwrap_or_default())
+            }
+            false => Hidden::default(),
+        };
+        let region = if everywhere { whole } else { bent.union(near.hidden_region(&hidden).intersection(reached)) };
+        let mut leds = effects.run_timed(Effect::Shading, || near.direct_light(shape, region, needs, &hidden));
+        if mirror {
+            effects.run_timed(Effect::Mirror, || near.add_mirrored_light(shape, region, needs, &hidden, &mut leds));
+        }
+        let bounced = bounce
+            .then(|| effects.run_timed(Effect::Bounce, || near.bounced_light(shape, region, needs, &hidden, &leds)));
+        let field = near.field(region, needs, leds, bounced);
+        (region, PressLight { visible_shares: Vec::new(), field: Some(field) })
+    }
+
+    /// Says whether a press with its bends in `bent` needs shadows; `some` if any falls.
+    fn need_of_shadows(&self, bent: Rect, some: bool) -> Requirement {
+        match self.phong.shadows {
+            Shadows::None => Requirement::Absent("the optics model has no shadows"),
+            Shadows::Soft(_) if bent.is_empty() => Requirement::Unneeded("the surface is flat"),
+            Shadows::Soft(_) if !some => Requirement::Unneeded("no slope rises above an LED"),
+            Shadows::Soft(_) => Requirement::Needed("a slope rises above an LED"),
+        }
+    }
+
     /// Finds what casts shadows; `None` if nothing does.
-    ///
-    /// A near LED is taken to shine on all of the press from one direction: the one in which it is seen from above the
-    /// middle of the press, at the height of its highest point. What is raised casts shadows.
-    fn find_shadows(&self, surface: &Grid<f32>, bent: Rect, everywhere: bool) -> Option<ShadowCasting> {
+    fn find_shadows(
+        &self,
+        leds: &[PlacedLed],
+        surface: &Grid<f32>,
+        bent: Rect,
+        everywhere: bool,
+    ) -> Option<ShadowCasting> {
         let Shadows::Soft(soft) = self.phong.shadows else { return None };
         if bent.is_empty() && !everywhere {
             return None;
         }
-        let middle = self.view.point_mm([0.5 * (bent.x0 + bent.x1) as f64, 0.5 * (bent.y0 + bent.y1) as f64]);
-        let at_rest_mm = self.relief.as_ref().map_or(0.0, |relief| {
-            let [x, y] = [bent.x0 + bent.x1, bent.y0 + bent.y1].map(|ends| ends / 2 + SURFACE_BORDER);
-            relief.shape.at(x, y)
-        });
-        let lights = |pixel_mm: [f64; 2], highest_mm: f32| {
-            self.leds.iter().map(|led| led.shadow_caster(middle, at_rest_mm + highest_mm, pixel_mm)).collect()
-        };
+        let lights = |pixel_mm: [f64; 2], _| leds.iter().map(|led| led.shadow_caster(pixel_mm)).collect();
         ShadowCasting::new(CoarseGrid::new(soft.resolution), surface, &self.view, everywhere, lights)
     }
 }

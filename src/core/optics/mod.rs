@@ -15,6 +15,7 @@ mod heat;
 pub mod lamps;
 pub mod led;
 mod led_shader;
+pub mod near_light;
 pub mod normals;
 pub mod phong;
 pub mod residual;
@@ -26,6 +27,8 @@ use background::BackgroundImage;
 use calibrated::{Calibrated, CalibrationTable};
 use lamps::{Lamp, Lamps};
 use led::Led;
+use near_light::bounce::Coat;
+use near_light::window::Window;
 use phong::Phong;
 use residual::LightResidual;
 
@@ -36,7 +39,8 @@ use residual::LightResidual;
 pub enum Model {
     /// LEDs at infinity, diffuse and specular reflection (Phong 1975, as used by Gomes, Wilson and Luo 2019).
     Phong(Phong),
-    /// LEDs at their distance, with the reflection of `phong`: direction and brightness differ from pixel to pixel.
+    /// LEDs at their distance, with the reflection of `phong`: rows of LEDs with a lobe, their images in the window, and
+    /// one bounce between parts of the coat.
     Led(Phong),
     /// Calibrated optics, which `gelsim calibrate` measured on a real sensor; the sensor's `calibration` names the
     /// file. The default where there is one.
@@ -116,6 +120,10 @@ pub struct Illumination<'a> {
     pub stray_light: Option<[f64; 3]>,
     /// Light that the LEDs leave unexplained.
     pub residual: Option<&'a LightResidual>,
+    /// The window in which near LEDs are mirrored.
+    pub window: Option<&'a Window>,
+    /// How the coat reflects.
+    pub coat: Coat,
 }
 
 impl Illumination<'_> {

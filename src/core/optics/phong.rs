@@ -15,7 +15,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::led::{Normals, PlacedLed, RowPositions};
+use super::led::{Normals, PlacedLed};
 use crate::base::grid::Resolution;
 use crate::base::simd::simd_dispatch;
 
@@ -119,15 +119,14 @@ pub(super) fn run_with_power<T: WithPower>(exponent: f64, task: T) -> T::Output 
 }
 
 /// Computes the light of an LED of intensity 1 along a row of normals, and writes it to `gain`.
-pub fn reflect_row(phong: &Phong, led: &PlacedLed, normals: &Normals, row: RowPositions<'_>, gain: &mut [f32]) {
-    run_with_power(phong.shininess, ReflectionTask { phong, led, normals, row, gain });
+pub fn reflect_row(phong: &Phong, led: &PlacedLed, normals: &Normals, gain: &mut [f32]) {
+    run_with_power(phong.shininess, ReflectionTask { phong, led, normals, gain });
 }
 
 struct ReflectionTask<'a> {
     phong: &'a Phong,
     led: &'a PlacedLed,
     normals: &'a Normals,
-    row: RowPositions<'a>,
     gain: &'a mut [f32],
 }
 
@@ -135,10 +134,10 @@ impl WithPower for ReflectionTask<'_> {
     type Output = ();
 
     fn run(self, power: impl Fn(f32) -> f32 + Copy) {
-        let Self { phong: Phong { diffuse, specular, .. }, led, normals, row, gain } = self;
+        let Self { phong: Phong { diffuse, specular, .. }, led, normals, gain } = self;
         simd_dispatch(
             #[inline(always)]
-            || led.reflect(normals, row, *diffuse as f32, *specular as f32, power, gain),
+            || led.reflect(normals, *diffuse as f32, *specular as f32, power, gain),
         );
     }
 }

@@ -7,12 +7,14 @@
 //! the light that is proportional to it. What the LEDs leave unexplained has its own bounds. Outside the region, all of
 //! these together stay below [`INVISIBLE_CHANGE`].
 //!
-//! A near LED's light also follows the surface's height. At a distance r a displacement dw turns the LED's direction by
-//! at most dw / r, and brightness, which is (D / r)^2 with D the distance from the middle of the image, changes by at
-//! most its 2 dw / r-th part; so light changes by at most D^2 / r^3 (3 k_d + (2 + alpha) k_s) per mm.
+//! A near LED's light also follows the surface's height. It comes from points. At a distance r a displacement dw turns
+//! the direction to a point by at most dw / r, and brightness, which is F / r^2, changes by at most its 2 dw / r-th part,
+//! with a lobe of exponent m by its m dw / r-th part more; so light changes by at most F / r^3 ((3 + m) k_d + (2 + m +
+//! alpha) k_s) per mm. The share of it that a window reflects changes by a bounded amount per mm, too.
 
 use super::Illumination;
 use super::led::PlacedLed;
+use super::near_light::{LightPoint, NearLights};
 use super::phong::{Phong, Shadows};
 use super::residual::LightResidual;
 use crate::base::grid::{Grid, Rect};
@@ -30,10 +32,6 @@ const FLATTEST_CASTER: f64 = 0.004;
 
 /// Fraction of its distance from the pad at rest by which a near LED may come nearer to a surface outside the region.
 const NEARER_FRACTION: f64 = 0.1;
-
-/// Largest change of a channel, by all LEDs together, that may come of ignoring the surface's height, as a fraction of
-/// full scale.
-const FAR_LED_CHANGE: f64 = 0.05 / 255.0;
 
 /// Extent of a pad's surface at rest.
 #[derive(Clone, Copy, Debug)]
@@ -54,9 +52,9 @@ impl PadExtent {
         Self { half_mm: field_of_view_mm.map(|mm| mm / 2.0), heights_mm: relief.map_or([0.0; 2], range) }
     }
 
-    /// Returns the distance of a near LED from the closest point of the pad, mm.
-    fn distance_mm(self, led: &PlacedLed) -> f64 {
-        let [x, y, z] = led.vector_from([0.0, 0.0]).map(f64::from);
+    /// Returns the distance of a point that shines from the closest point of the pad, mm.
+    fn distance_mm(self, point: &LightPoint) -> f64 {
+        let [x, y, z] = point.at_mm.map(f64::from);
         let [low, high] = self.heights_mm;
         let outside = |at: f64, low: f64, high: f64| at - at.clamp(low, high);
         let [half_x, half_y] = self.half_mm;
@@ -64,31 +62,75 @@ impl PadExtent {
     }
 }
 
-/// Lets those LEDs ignore the surface's height that are too far away for it to matter. A surface stays within
-/// `thickness_mm` of the pad at rest.
-pub fn ignore_height_of_far_leds(leds: &mut [PlacedLed], phong: &Phong, pad: PadExtent, thickness_mm: f64) {
-    let each = FAR_LED_CHANGE / leds.len() as f64;
-    let [low, high] = pad.heights_mm;
-    let furthest_mm = thickness_mm + high.max(-low);
-    for led in leds.iter_mut().filter(|led| led.follows_height()) {
-        let brightest = led.color.into_iter().fold(0.0, f32::max);
-        let nearest_mm = pad.distance_mm(led) - thickness_mm;
-        let change = f64::from(brightest) * change_per_mm(phong, led, nearest_mm) * furthest_mm;
-        if nearest_mm > 0.0 && change <= each {
-            *led = led.regardless_of_height();
+/// What bounds the change of a light at intensity 1.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LightBound {
+    /// Colour times intensity.
+    color: [f32; 3],
+    /// Most light that a surface which faces it receives.
+    strength: f64,
+    /// Greatest elevation over the pad from which it comes, rad.
+    elevation: f64,
+    /// Largest change per mm of a surface's height.
+    per_mm: f64,
+    /// How much nearer the surface may come, mm.
+    nearer_mm: f64,
+}
+
+impl LightBound {
+    /// Returns the bound of an LED at infinity.
+    pub fn of_distant_led(led: &PlacedLed) -> Self {
+        let [x, y, z] = led.direction().map(f64::from);
+        let elevation = libm::atan2(-z, libm::hypot(x, y));
+        Self { color: led.color, strength: 1.0, elevation, per_mm: 0.0, nearer_mm: f64::INFINITY }
+    }
+
+    /// Returns the bounds of the points of near LEDs.
+    pub fn of_near_lights(lights: &NearLights, phong: &Phong, pad: PadExtent) -> Vec<Self> {
+        let of_led = |led: &super::near_light::NearLed| {
+            let color = led.color;
+            led.points.iter().map(move |point| Self::of_point(point, color, lights, phong, pad)).collect::<Vec<_>>()
+        };
+        lights.leds.iter().flat_map(of_led).collect()
+    }
+
+    fn of_point(point: &LightPoint, color: [f32; 3], lights: &NearLights, phong: &Phong, pad: PadExtent) -> Self {
+        let [half_x, half_y] = pad.half_mm;
+        // The point of the view that it lights most strongly, and most steeply, is the one closest to it.
+        let [x, y, _] = point.at_mm.map(f64::from);
+        let closest = [x.clamp(-half_x, half_x) as f32, y.clamp(-half_y, half_y) as f32];
+        let [x, y, z] = point.vector_from(closest).map(f64::from);
+        let distance_mm = pad.distance_mm(point);
+        // A raised surface may be nearer to it, and turned towards it.
+        let nearest_mm = (1.0 - NEARER_FRACTION) * distance_mm;
+        let strength = point.strength_at_distance(nearest_mm);
+        let reflected = if point.is_mirrored { lights.most_reflected_per_cosine() } else { 0.0 };
+        Self {
+            color,
+            strength,
+            elevation: libm::atan2(-z, libm::hypot(x, y)) + libm::asin(NEARER_FRACTION),
+            per_mm: change_per_mm(phong, point, nearest_mm)
+                + strength / nearest_mm * reflected * (phong.diffuse + phong.specular),
+            nearer_mm: NEARER_FRACTION * distance_mm,
         }
     }
 }
 
-/// Returns the largest change of a near LED's light per mm of a surface's height, at intensity 1, if the surface is no
+/// Returns the largest change of a point's light per mm of a surface's height, at intensity 1, if the surface is no
 /// nearer than `nearest_mm`.
-fn change_per_mm(phong: &Phong, led: &PlacedLed, nearest_mm: f64) -> f64 {
+fn change_per_mm(phong: &Phong, point: &LightPoint, nearest_mm: f64) -> f64 {
     let lobe = match phong.shininess {
         alpha if alpha >= 1.0 => alpha,
         alpha if alpha > 0.0 && phong.specular > 0.0 => f64::INFINITY,
         _ => 0.0,
     };
-    led.strength_at_distance(nearest_mm) / nearest_mm * (3.0 * phong.diffuse + (2.0 + lobe) * phong.specular)
+    let beam = match f64::from(point.lobe) {
+        exponent if exponent >= 1.0 => exponent,
+        exponent if exponent > 0.0 => f64::INFINITY,
+        _ => 0.0,
+    };
+    point.strength_at_distance(nearest_mm) / nearest_mm
+        * ((3.0 + beam) * phong.diffuse + (2.0 + beam + lobe) * phong.specular)
 }
 
 /// The slope and the displacement that no pixel outside the region exceeds.
@@ -101,40 +143,23 @@ pub struct Threshold {
 }
 
 impl Threshold {
-    /// Computes the threshold for a light model and a sensor; `rough` if the pad itself is not flat.
-    pub fn new(phong: &Phong, leds: &[PlacedLed], pad: PadExtent, rough: bool, light: &Illumination) -> Self {
-        let [half_x, half_y] = pad.half_mm;
-        // The point of the view that a near LED lights most strongly, and most steeply, is the one closest to it.
-        let closest = |led: &PlacedLed| {
-            let [x, y, _] = led.vector_from([0.0, 0.0]).map(f64::from);
-            [x.clamp(-half_x, half_x) as f32, y.clamp(-half_y, half_y) as f32]
-        };
+    /// Computes the threshold for the light of a sensor; `rough` if the pad itself is not flat.
+    pub fn new(phong: &Phong, lights: &[LightBound], rough: bool, light: &Illumination) -> Self {
         // No background is brighter than white.
         let most = light.stray_light.map_or([1.0; 3], |stray| stray.map(|share| 1.0 - share));
         let change = |angle: f64| {
             let mut sums = [0.0; 3];
-            for led in leds {
-                let at = closest(led);
-                let [x, y, z] = led.vector_from(at).map(f64::from);
-                let elevation = libm::atan2(-z, libm::hypot(x, y));
-                // A raised surface may be nearer to the LED, and turned towards it.
-                let (strength, turned) = match led.follows_height() {
-                    true => (
-                        led.strength_at_distance((1.0 - NEARER_FRACTION) * pad.distance_mm(led)),
-                        libm::asin(NEARER_FRACTION),
-                    ),
-                    false => (f64::from(led.strength_at_point(at)), 0.0),
-                };
+            for led in lights {
                 let mirrored = match rough {
                     true => 1.0,
-                    false => libm::sin((elevation + turned + 2.0 * angle).min(std::f64::consts::FRAC_PI_2)),
+                    false => libm::sin((led.elevation + 2.0 * angle).min(std::f64::consts::FRAC_PI_2)),
                 };
                 let lobe = match phong.shininess {
                     alpha if alpha >= 1.0 => 2.0 * alpha * libm::pow(mirrored, alpha - 1.0),
                     alpha if alpha > 0.0 && phong.specular > 0.0 => f64::INFINITY,
                     _ => 0.0,
                 };
-                let change = strength * (phong.diffuse + phong.specular * lobe) * angle;
+                let change = led.strength * (phong.diffuse + phong.specular * lobe) * angle;
                 // An infinitely steep lobe times no light would be NaN, but is no change.
                 for ((sum, share), most) in
                     sums.iter_mut().zip(led.color).zip(most).filter(|((_, share), _)| *share > 0.0)
@@ -159,12 +184,10 @@ impl Threshold {
         }
         let per_mm = light.darkening_per_mm(phong) + light.residual.map_or(0.0, LightResidual::change_per_mm);
         let (mut by_height, mut nearer_mm) = ([0.0; 3], f64::INFINITY);
-        for led in leds.iter().filter(|led| led.follows_height()) {
-            let distance_mm = pad.distance_mm(led);
-            let change = change_per_mm(phong, led, (1.0 - NEARER_FRACTION) * distance_mm);
-            nearer_mm = nearer_mm.min(NEARER_FRACTION * distance_mm);
+        for led in lights {
+            nearer_mm = nearer_mm.min(led.nearer_mm);
             for ((sum, share), most) in by_height.iter_mut().zip(led.color).zip(most).filter(|((_, c), _)| *c > 0.0) {
-                *sum += f64::from(share) * most * change;
+                *sum += f64::from(share) * most * led.per_mm;
             }
         }
         let per_mm = per_mm + by_height.into_iter().fold(0.0, f64::max);
@@ -238,76 +261,70 @@ impl Excess {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::led::{Led, Normals, RowPositions};
+    use crate::base::grid::{Grid, Rect};
+    use crate::optics::led::{Led, Normals};
+    use crate::optics::near_light::LightVectors;
+    use crate::optics::near_light::bounce::Coat;
+    use crate::optics::near_light::window::Window;
 
+    const VIEW: View = View { resolution_px: [17, 13], mm_per_px: [0.5, 0.5] };
     const NORMALS: [[f32; 2]; 6] = [[0.0, 0.0], [0.3, 0.0], [-0.4, 0.2], [0.0, -0.7], [0.6, 0.6], [-0.9, 0.1]];
 
-    fn led(distance_mm: f64, elevation_deg: f64, intensity: f64) -> PlacedLed {
-        PlacedLed::new(&Led { distance_mm, elevation_deg, azimuth_deg: 20.0, intensity, ..Led::default() }, true)
-    }
-
-    /// What it gives at intensity 1 where the surface has this height.
-    fn light(phong: &Phong, led: &PlacedLed, [x_mm, y_mm]: [f32; 2], normal: [f32; 2], height_mm: f64) -> f64 {
-        let mut normals = Normals::default();
-        normals.push(normal);
-        let row = RowPositions { x_mm: &[x_mm], y_mm, heights_mm: &[height_mm as f32] };
-        let mut gain = [0.0];
-        crate::optics::phong::reflect_row(phong, led, &normals, row, &mut gain);
-        f64::from(gain[0])
-    }
-
-    fn places() -> impl Iterator<Item = ([f32; 2], [f32; 2])> {
-        let across = [-4.0, -1.5, 0.0, 2.0, 4.0];
-        let at = across.into_iter().flat_map(move |x| across.map(|y| [x, 0.75 * y]));
-        at.flat_map(|at| NORMALS.map(|normal| (at, normal)))
+    /// The light at every pixel of a level pad at a height, with its normals turned.
+    fn light(lights: &NearLights, phong: &Phong, height_mm: f32, normal: [f32; 2]) -> Vec<f32> {
+        let surface = Grid { width: 19, height: 15, data: vec![height_mm; 19 * 15] };
+        let field = lights.field_at_rest(&surface);
+        let (mut normals, mut row, mut line, mut all) =
+            (Normals::default(), LightVectors::default(), Vec::new(), Vec::new());
+        (0..17).for_each(|_| normals.push(normal));
+        for y in 0..13 {
+            for led in 0..lights.leds.len() {
+                let mut gain = vec![0.0; 17];
+                field.fill_row(led, y, 0, &mut line, &mut row, 17);
+                let power = |x: f32| libm::powf(x, phong.shininess as f32);
+                row.reflect(&normals, phong.diffuse as f32, phong.specular as f32, power, &mut gain);
+                all.extend(gain);
+            }
+        }
+        all
     }
 
     #[test]
     fn no_height_changes_a_near_leds_light_by_more_than_the_bound() {
-        let pad = PadExtent { half_mm: [4.0, 3.0], heights_mm: [-0.3, 1.2] };
-        let step_mm = 0.05;
-        for (shininess, elevation_deg) in [(0.0, 10.0), (1.0, 30.0), (5.0, 45.0), (5.0, 70.0), (30.0, 90.0)] {
-            let phong = Phong { shininess, specular: 0.6, ..Phong::default() };
-            for distance_mm in [5.0, 8.0, 20.0, 1e3] {
-                let led = led(distance_mm, elevation_deg, 1.0);
-                let nearest_mm = pad.distance_mm(&led);
-                if nearest_mm < 0.5 {
-                    continue;
-                }
-                let bound = change_per_mm(&phong, &led, nearest_mm) * step_mm;
-                let mut most = 0.0_f64;
-                for (at, normal) in places() {
-                    for k in 0..30 {
-                        let [low, high] = [k, k + 1].map(|k| -0.3 + step_mm * f64::from(k));
-                        let change = light(&phong, &led, at, normal, high) - light(&phong, &led, at, normal, low);
-                        most = most.max(change.abs());
-                    }
-                }
-                assert!(most <= bound * 1.001 + 1e-5, "{most} over {bound}: {distance_mm} mm, alpha {shininess}");
-                assert!(most > 0.03 * bound, "{most} under {bound}: {distance_mm} mm, alpha {shininess}");
-            }
-        }
-    }
-
-    #[test]
-    fn leds_are_left_on_the_undeformed_pad_only_if_no_height_changes_their_light() {
-        let (phong, thickness_mm) = (Phong::default(), 3.0);
-        let pad = PadExtent { half_mm: [8.0, 6.0], heights_mm: [0.0; 2] };
-        for (distance_mm, intensity, left) in
-            [(20.0, 1.0, false), (2e3, 1.0, false), (2e3, 0.001, true), (1e6, 100.0, false), (1e6, 1.0, true)]
+        let Rect { x1, y1, .. } = Rect::whole(17, 13);
+        let pad = PadExtent { half_mm: [x1 as f64 * 0.25, y1 as f64 * 0.25], heights_mm: [-0.3, 1.2] };
+        for (shininess, elevation_deg, lobe) in
+            [(0.0, 10.0, 0.0), (1.0, 30.0, 1.0), (5.0, 45.0, 2.0), (5.0, 70.0, 1.0), (30.0, 80.0, 0.0)]
         {
-            let mut leds = [10.0, 30.0, 80.0].map(|elevation| led(distance_mm, elevation, intensity));
-            ignore_height_of_far_leds(&mut leds, &phong, pad, thickness_mm);
-            assert!(leds.iter().all(|led| led.follows_height() != left), "{distance_mm} mm, intensity {intensity}");
-            for (at, normal) in places().filter(|_| left) {
-                for height_mm in [-thickness_mm, -0.1, 0.4, thickness_mm] {
-                    let change = |elevation: f64| {
-                        let led = led(distance_mm, elevation, intensity);
-                        let there = light(&phong, &led, at, normal, height_mm);
-                        intensity * (there - light(&phong, &led.regardless_of_height(), at, normal, height_mm)).abs()
+            let phong = Phong { shininess, specular: 0.6, shadows: Shadows::None, ..Phong::default() };
+            for distance_mm in [6.0, 8.0, 20.0] {
+                for window_mm in [None, Some(9.0_f64.max(distance_mm))] {
+                    let led = Led {
+                        elevation_deg,
+                        distance_mm,
+                        lobe,
+                        size_mm: Some([3.0, 0.5]),
+                        azimuth_deg: 20.0,
+                        ..Led::default()
                     };
-                    let all: f64 = [10.0, 30.0, 80.0].map(change).iter().sum();
-                    assert!(all <= FAR_LED_CHANGE, "{all} at a height of {height_mm}");
+                    let window = window_mm.map(|distance_mm| Window { distance_mm, refractive_index: 1.41 });
+                    let lights = NearLights::new(&phong, &[led], window.as_ref(), Coat::default(), &VIEW);
+                    let bounds = LightBound::of_near_lights(&lights, &phong, pad);
+                    if bounds.iter().any(|bound| bound.nearer_mm < 0.05) {
+                        continue;
+                    }
+                    let bound: f64 = bounds.iter().map(|bound| bound.per_mm).sum::<f64>() * 0.05;
+                    let mut most = 0.0_f64;
+                    for normal in NORMALS {
+                        for k in 0..30 {
+                            let [low, high] = [k, k + 1].map(|k| -0.3 + 0.05 * k as f32);
+                            let [low, high] = [low, high].map(|height| light(&lights, &phong, height, normal));
+                            let changes = low.iter().zip(&high).map(|(low, high)| f64::from((low - high).abs()));
+                            most = changes.fold(most, f64::max);
+                        }
+                    }
+                    assert!(most <= bound * 1.001 + 1e-5, "{most} over {bound}: {distance_mm} mm, alpha {shininess}");
+                    assert!(most > 0.01 * bound, "{most} under {bound}: {distance_mm} mm, alpha {shininess}");
                 }
             }
         }

@@ -14,7 +14,8 @@ use crate::gelpad::material::Material;
 use crate::optics::background::BackgroundImage;
 use crate::optics::calibrated::CalibrationTable;
 use crate::optics::led::Led;
-use crate::optics::{self, Illumination, Shader, lamps};
+use crate::optics::near_light::bounce::Coat;
+use crate::optics::{Illumination, Shader, lamps};
 use crate::sensor::{Background, Sensor, SensorError};
 
 use super::Simulator;
@@ -112,6 +113,8 @@ impl Simulator {
             |donor| Arc::clone(&donor.shader),
             |(.., light)| {
                 let (table, relief) = (sensor.calibration.as_deref(), relief.as_deref().cloned());
+                let window = light.window.filter(|_| policy != EffectPolicy::Without(Effect::Mirror));
+                let light = Illumination { window, ..light };
                 Arc::new(Shader::new(&models.optics, table, &light, &view, relief))
             },
         );
@@ -165,12 +168,11 @@ impl Simulator {
 
         let camera = |untouched: &dyn Fn() -> Light| {
             // The key leaves out what the untouched pad does not show, so that sensors that differ in it share a
-            // camera: darkening, and the thickness of the pad unless LEDs are near.
-            let near = matches!(models.optics, optics::Model::Led(_));
+            // camera: darkening, the thickness of the pad and the albedo of its coat.
             parts.share_or_make(
                 |of| {
-                    let thickness_mm = if near { of.gelpad.thickness_mm } else { 0.0 };
-                    let light = Illumination { darkening: 0.0, thickness_mm, ..of.illumination() };
+                    let light =
+                        Illumination { darkening: 0.0, thickness_mm: 0.0, coat: Coat::default(), ..of.illumination() };
                     (rest_surface_key(of), calibration_key(of), light, &of.background, of.markers, of.camera)
                 },
                 |donor| Arc::clone(&donor.camera),

@@ -26,6 +26,8 @@ use gelsim_core::depth::rest_surface::Grain;
 use gelsim_core::optics::background::RenderedBackground;
 use gelsim_core::optics::lamps::Lamp;
 use gelsim_core::optics::led::Led;
+use gelsim_core::optics::near_light::bounce::Coat;
+use gelsim_core::optics::near_light::window::Window;
 use gelsim_core::optics::residual::LightResidual;
 
 macro_rules! presets {
@@ -109,6 +111,12 @@ pub struct Sensor {
     /// Light that the LEDs leave unexplained, as presses of a ball show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_residual: Option<Box<LightResidual>>,
+    /// The window between gel and air. In it the pad sees the LEDs a second time; used by the optics model `led`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub window: Option<Window>,
+    /// Reflection of the coat; used by the optics model `led`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coat: Option<Coat>,
     /// Look of the untouched pad if there is no `background`. Not used with lamps, which show it.
     pub rendered_background: RenderedBackground,
     /// The LEDs.
@@ -149,6 +157,8 @@ impl Sensor {
         sensor.darkening = self.darkening;
         sensor.stray_light = self.stray_light;
         sensor.light_residual = self.light_residual.as_deref().cloned().map(Arc::new);
+        sensor.window = self.window;
+        sensor.coat = self.coat.unwrap_or_default();
         sensor.markers =
             markers.map(|markers| Markers { print: markers.to_marker_print(), pattern: markers.constant_pattern() });
         sensor.camera = camera.background_params();
@@ -176,6 +186,8 @@ impl Sensor {
             darkening: self.darkening,
             stray_light: self.stray_light,
             residual: self.light_residual.as_deref(),
+            window: self.window.as_ref(),
+            coat: self.coat.unwrap_or_default(),
         }
     }
 }
@@ -212,6 +224,8 @@ impl Default for Sensor {
             darkening: 0.35,
             stray_light: None,
             light_residual: None,
+            window: None,
+            coat: None,
             rendered_background: RenderedBackground::default(),
             led: vec![
                 led("white", 0.0, [1.0, 1.0, 1.0], 0.5),

@@ -7,6 +7,7 @@ use crate::plan::Plan;
 use crate::scene::Scene;
 use gelsim_core::base::view::View;
 use gelsim_core::optics::led::Led;
+use gelsim_core::optics::near_light::window::Window;
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 
@@ -34,6 +35,12 @@ pub struct SensorLabel {
     pub stray_light: Vec<f64>,
     /// The LEDs, in the order of the sensor.
     pub leds: Vec<LedLabel>,
+    /// The window in which the pad sees the LEDs a second time; left out if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<Window>,
+    /// Share of the light that the coat scatters.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub albedo: f64,
     /// The image of the untouched pad.
     pub background: BackgroundLabel,
 }
@@ -51,6 +58,15 @@ pub struct LedLabel {
     pub angular_size_deg: [f64; 2],
     /// Distance from the middle of the image, mm.
     pub distance_mm: f64,
+    /// Where it is, mm; empty if azimuth, elevation and distance say it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub position_mm: Vec<f64>,
+    /// Width and height, mm; empty if they follow from `angular_size_deg`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub size_mm: Vec<f64>,
+    /// Exponent of the cosine with which its light falls off about the direction to the middle of the image.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub lobe: f64,
     /// Red, green and blue of its light.
     pub color: [f64; 3],
     /// Brightness.
@@ -100,6 +116,8 @@ impl SensorLabel {
             darkening: sensor.darkening,
             stray_light: sensor.stray_light.iter().flatten().copied().collect(),
             leds: sensor.leds.iter().map(LedLabel::new).collect(),
+            window: sensor.window,
+            albedo: sensor.coat.albedo,
             background: BackgroundLabel::from_scene(plan, scene, sensor),
         }
     }
@@ -107,10 +125,25 @@ impl SensorLabel {
 
 impl LedLabel {
     fn new(led: &Led) -> Self {
-        let Led { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity, position_mm: _ } =
-            led.clone();
-        Self { name, azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity }
+        let led = led.clone();
+        Self {
+            name: led.name,
+            azimuth_deg: led.azimuth_deg,
+            elevation_deg: led.elevation_deg,
+            angular_size_deg: led.angular_size_deg,
+            distance_mm: led.distance_mm,
+            position_mm: led.position_mm.iter().flatten().copied().collect(),
+            size_mm: led.size_mm.iter().flatten().copied().collect(),
+            lobe: led.lobe,
+            color: led.color,
+            intensity: led.intensity,
+        }
     }
+}
+
+/// Returns true for 0, which labels leave out.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl BackgroundLabel {

@@ -75,6 +75,8 @@ pub fn check_curved_sensor(check: &mut JobChecker<'_>, sensor: &Sensor) {
         ("background", sensor.background.is_some() && has("pins")),
         ("calibration", sensor.calibration.is_some()),
         ("light_residual", sensor.light_residual.is_some()),
+        ("window", sensor.window.is_some()),
+        ("coat", sensor.coat.is_some()),
         ("lamp", !sensor.lamp.is_empty()),
     ] {
         if has("shape") && wrong {
@@ -94,13 +96,9 @@ pub fn check_curved_sensor(check: &mut JobChecker<'_>, sensor: &Sensor) {
             check.require_in_range(&format!("{at}.{k}"), *mm, -1e4..=1e4, "mm");
         }
         match sensor.gel_shape().filter(|_| check.is_valid("sensor.shape")) {
-            None if !has("shape") && check.is_valid("sensor.shape") => {
-                let message = "`position_mm` places an LED in a gel that has a shape, and this one has none";
-                check.report_error(
-                    &at,
-                    message,
-                    "write azimuth_deg, elevation_deg and distance_mm; or add [sensor.shape]",
-                );
+            None if !has("shape") && position_mm[2] >= 0.0 => {
+                let message = "the LED is not on the camera's side of the pad";
+                check.report_error(&at, message, "z is 0 on the pad and below 0 on the camera's side: 5 mm is -5.0");
             }
             Some(shape) if !is_inside_gel(&shape, position_mm, 0.0) => {
                 let message = "the LED is outside of the gel, whose skin is opaque";

@@ -199,10 +199,36 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
             );
         }
         check.require_in_range(&path("distance_mm"), led.distance_mm, 1e-2..=1e6, "mm");
+        for (k, mm) in led.size_mm.iter().flatten().enumerate() {
+            check.require_in_range(&path(&format!("size_mm.{k}")), *mm, 0.0..=1e3, "mm");
+        }
+        check.require_in_range(&path("lobe"), led.lobe, 0.0..=100.0, "");
         check.require_in_range(&path("intensity"), led.intensity, 0.0..=100.0, "");
         for k in 0..3 {
             check.require_in_range(&path(&format!("color.{k}")), led.color[k], 0.0..=1.0, "");
         }
+    }
+    if let Some(window) = &sensor.window {
+        check.require_in_range("sensor.window.distance_mm", window.distance_mm, 1e-2..=1e3, "mm");
+        check.require_in_range("sensor.window.refractive_index", window.refractive_index, 1.0..=3.0, "");
+        for (i, led) in sensor.led.iter().enumerate().take(MAX_LEDS) {
+            let place = led.place();
+            let height_mm = -led.position_mm.map_or(place.direction[2] * place.distance_mm, |position| position[2]);
+            if height_mm >= window.distance_mm {
+                let key = if led.position_mm.is_some() { "position_mm" } else { "distance_mm" };
+                let message = format!(
+                    "the LED is {} mm from the plane of the pad, beyond the window at {} mm",
+                    format_number(height_mm),
+                    format_number(window.distance_mm)
+                );
+                let help = "LEDs shine into the gel from its side, before the window: move the LED or the window";
+                let cause = "LEDs are beyond the window";
+                check.report_grouped_error(&format!("sensor.led.{i}.{key}"), cause, message, help);
+            }
+        }
+    }
+    if let Some(coat) = &sensor.coat {
+        check.require_in_range("sensor.coat.albedo", coat.albedo, 0.0..=1.0, "");
     }
     if !matches!(sensor.lamp.len(), 0 | lamps::LAMP_COUNT) {
         let message = format!("the sensor has {} lamps", sensor.lamp.len());

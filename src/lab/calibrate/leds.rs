@@ -9,7 +9,7 @@ use nalgebra::{SMatrix, SVector};
 use super::pixels::PixelSamples;
 use crate::metrics::statistics::median;
 use gelsim_core::optics::calibrated::extrapolation::CalibrationExtrapolation;
-use gelsim_core::optics::led::{Led, Normals, PlacedLed, RowPositions};
+use gelsim_core::optics::led::{Led, Normals, PlacedLed};
 use gelsim_core::optics::phong::{Phong, reflect_row};
 
 /// Number of LEDs that are fitted: one for each colour.
@@ -215,9 +215,9 @@ fn sample_normals(pixels: &PixelSamples, sample: &[usize]) -> Normals {
 /// Computes what an LED of strength 1 in this direction reflects at each normal, less what it reflects at the last one,
 /// which is a flat pad's.
 fn led_changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec<f64> {
-    let led = PlacedLed::new(&Led { azimuth_deg, elevation_deg, ..Led::default() }, false);
+    let led = PlacedLed::new(&Led { azimuth_deg, elevation_deg, ..Led::default() });
     let mut gain = vec![0.0; normals.x.len()];
-    reflect_row(&Phong::default(), &led, normals, RowPositions::default(), &mut gain);
+    reflect_row(&Phong::default(), &led, normals, &mut gain);
     let flat = gain.last().copied().unwrap_or_default();
     gain.into_iter().map(|gain| f64::from(gain) - f64::from(flat)).collect()
 }

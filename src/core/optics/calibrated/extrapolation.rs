@@ -17,7 +17,7 @@ use crate::base::view::{SURFACE_BORDER, View};
 use crate::gelpad::Contact;
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::CoarseValues;
-use crate::optics::led::{Led, Normals, PlacedLed, RowPositions};
+use crate::optics::led::{Led, Normals, PlacedLed};
 use crate::optics::phong::{Phong, reflect_row};
 
 /// Largest number of LEDs that a table may have.
@@ -188,7 +188,7 @@ impl SectorLed {
     fn new(led: &Led) -> Self {
         let turn = (led.azimuth_deg / 360.0).rem_euclid(1.0);
         let sector = (turn * SECTORS as f64).round() as usize % SECTORS;
-        Self { placed: PlacedLed::new(led, false), sector, elevation_deg: led.elevation_deg }
+        Self { placed: PlacedLed::new(led), sector, elevation_deg: led.elevation_deg }
     }
 
     /// Returns the fraction of it that is seen where this share of its sector is seen: the horizon hides the rest of
@@ -332,8 +332,8 @@ impl PreparedExtrapolation {
         gain.resize(run.len(), 0.0);
         edge_gain.resize(run.len(), 0.0);
         for (led, sky) in self.leds.iter().zip(&*sky) {
-            reflect_row(&Phong::default(), &led.placed, here, RowPositions::default(), gain);
-            reflect_row(&Phong::default(), &led.placed, edge, RowPositions::default(), edge_gain);
+            reflect_row(&Phong::default(), &led.placed, here, gain);
+            reflect_row(&Phong::default(), &led.placed, edge, edge_gain);
             for (gain, edge) in gain.iter_mut().zip(&*edge_gain) {
                 *gain -= edge;
             }

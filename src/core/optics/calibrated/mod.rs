@@ -150,8 +150,9 @@ impl CalibratedShader {
         let if_bent =
             |why| if bent.is_empty() { Requirement::Unneeded("the surface is flat") } else { Requirement::Needed(why) };
         let shades = effects.enable(Effect::Shading, if_bent("the surface is not flat"));
-        effects.enable(Effect::Grain, Requirement::Absent("the measured light holds it"));
-        effects.enable(Effect::Darkening, Requirement::Absent("the measured light holds it"));
+        for effect in [Effect::Grain, Effect::Mirror, Effect::Bounce, Effect::Darkening] {
+            effects.enable(effect, Requirement::Absent("the measured light holds it"));
+        }
         let any = everywhere || !bent.is_empty();
         let shadows = effects.run_timed(Effect::Shadows, || match &self.colors {
             PreparedColors::Response(network) if any => {

@@ -7,10 +7,11 @@ use crate::base::view::SURFACE_BORDER;
 use crate::depth::raster::SAMPLES;
 use crate::gelpad::subpixel::{SampledPixel, Subpixel};
 
-use super::{LedShader, RestReflection};
+use super::{LedShader, Lights, RestReflection};
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::CoarseValues;
-use crate::optics::led::{Normals, RowPositions};
+use crate::optics::led::Normals;
+use crate::optics::near_light::{LightField, LightVectors};
 use crate::optics::normals::fill_row_normals;
 use crate::optics::phong::{WithPower, run_with_power};
 use crate::optics::residual::{self, Planes};
@@ -29,8 +30,10 @@ pub(super) struct ShadedSurface<'a> {
     pub subpixel: Option<&'a Subpixel>,
     /// The pad's relief, which `subpixel` does not contain.
     pub relief: Option<&'a Grid<f32>>,
-    /// The fraction of each LED that is seen; empty where all of it is.
+    /// The fraction of each distant LED that is seen; empty where all of it is.
     pub visible_shares: &'a [Option<CoarseValues>],
+    /// The light of near LEDs; `None` if they are at infinity.
+    pub field: Option<&'a LightField>,
     /// Fraction of the light that is lost per mm of displacement.
     pub darkening_per_mm: f32,
 }
@@ -83,10 +86,11 @@ impl WithPower for RestReflectionTask<'_> {
         let Self { shader, shape, is_flat } = self;
         let [width, height] = shader.view.resolution_px;
         let mut normals = Normals::default();
-        let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
+        let field = shader.field_at_rest(shape);
+        let is_uniform = is_flat && field.is_none();
+        let mut led_row = LedRow::default();
         let mut all: Vec<RestReflection> = Vec::new();
-        for led in &shader.leds {
-            let is_uniform = is_flat && led.is_uniform();
+        for number in 0..shader.lights.colors().len() {
             let mut map = if is_uniform { Grid::new(1, 1) } else { Grid::new(width, height) };
             for y in 0..map.height {
                 let part = Rect { x0: 0, y0: y, x1: map.width, y1: y + 1 };
@@ -94,8 +98,8 @@ impl WithPower for RestReflectionTask<'_> {
                     #[inline(always)]
                     || {
                         fill_row_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
-                        let row = shader.row_positions(part, 0, row_heights(shape, part, 0));
-                        led.reflect(&normals, row, diffuse, specular, power, map.row_mut(y));
+                        led_row.fill(field.as_ref(), number, y, 0, part.width());
+                        led_row.reflect(shader, number, &normals, power, map.row_mut(y));
                     },
                 );
             }
@@ -141,17 +145,51 @@ struct RowScratch {
     residual: Planes,
     subpixel: SubpixelScratch,
     share: Vec<f32>,
-    /// Shares of the LED that are seen, on their coarser grid.
+    /// Values on a coarser grid.
     line: Vec<f32>,
+    led: LedRow,
+}
+
+/// An LED's light along a row.
+#[derive(Default)]
+struct LedRow {
+    /// If the LED is near.
+    vectors: LightVectors,
+    line: Vec<f32>,
+}
+
+impl LedRow {
+    /// Fills in the light of LED number `led` at the pixels of row `y` of the view, from column `x0` on.
+    #[inline(always)]
+    fn fill(&mut self, field: Option<&LightField>, led: usize, y: usize, x0: usize, width: usize) {
+        if let Some(field) = field {
+            field.fill_row(led, y, x0, &mut self.line, &mut self.vectors, width);
+        }
+    }
+
+    /// Computes the light of LED number `led`, at intensity 1, along a row of normals, and writes it to `gain`.
+    #[inline(always)]
+    fn reflect(
+        &self,
+        shader: &LedShader,
+        led: usize,
+        normals: &Normals,
+        power: impl Fn(f32) -> f32 + Copy,
+        gain: &mut [f32],
+    ) {
+        let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
+        match &shader.lights {
+            Lights::Distant(leds) => leds[led].reflect(normals, diffuse, specular, power, gain),
+            Lights::Near(_) => self.vectors.reflect(normals, diffuse, specular, power, gain),
+        }
+    }
 }
 
 /// Scratch memory for the samples of a row's pixels.
 #[derive(Default)]
 struct SubpixelScratch {
     normals: Normals,
-    /// Where they are along the row, mm from the middle of the view.
-    x_mm: Vec<f32>,
-    heights_mm: Vec<f32>,
+    led: LedRow,
     /// Displacement of their pixels, mm.
     displacement_mm: Vec<f32>,
     /// Light of an LED at each sample, and that of the residual.
@@ -171,34 +209,28 @@ impl SubpixelScratch {
     #[inline(always)]
     fn fill_samples(
         &mut self,
-        shader: &LedShader,
         lit: &ShadedSurface<'_>,
         pixels: &[SampledPixel],
         part: Rect,
         y: usize,
         heights_mm: &[f32],
     ) {
-        let Self {
-            normals: Normals { x: nx, y: ny, z: nz }, x_mm, heights_mm: sample_heights_mm, displacement_mm, ..
-        } = self;
-        let mut planes = [nx, ny, nz, x_mm, sample_heights_mm, displacement_mm].map(|plane| {
+        let Self { normals: Normals { x: nx, y: ny, z: nz }, displacement_mm, .. } = self;
+        let mut planes = [nx, ny, nz, displacement_mm].map(|plane| {
             plane.resize(pixels.len() * SAMPLES, 0.0);
             plane.as_chunks_mut::<SAMPLES>().0
         });
-        let [nx, ny, nz, x_mm, sample_heights_mm, displacement_mm] = &mut planes;
+        let [nx, ny, nz, displacement_mm] = &mut planes;
         if let Some(subpixel) = lit.subpixel {
             for (at, pixel) in pixels.iter().enumerate() {
                 let x = pixel.x as usize;
                 [nx[at], ny[at]] = subpixel.sample_slopes(pixel);
-                x_mm[at] = [shader.columns_mm[x]; SAMPLES];
-                sample_heights_mm[at] = subpixel.heights_mm(pixel);
                 // The displacement changes little within a pixel, unlike the slope.
                 displacement_mm[at] = [heights_mm[x - part.x0]; SAMPLES];
                 if let Some(relief) = lit.relief {
-                    let ([along, down], mm) = subpixel.relief_slope_and_height(pixel, y, relief);
+                    let [along, down] = subpixel.relief_slope(pixel, y, relief);
                     nx[at].iter_mut().for_each(|fall| *fall += along);
                     ny[at].iter_mut().for_each(|fall| *fall += down);
-                    sample_heights_mm[at].iter_mut().for_each(|height| *height += mm);
                 }
             }
         }
@@ -237,9 +269,9 @@ fn shade_row(
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
     let heights_mm = row_heights(lit.displacement, region, row);
-    let RowScratch { added, normals, gain, residual, subpixel, share, line } = rows;
+    let RowScratch { added, normals, gain, residual, subpixel, share, line, led: led_row } = rows;
     let pixels = lit.subpixel.map_or(&[][..], |subpixel| subpixel.row(y));
-    subpixel.fill_samples(shader, lit, pixels, region, y, heights_mm);
+    subpixel.fill_samples(lit, pixels, region, y, heights_mm);
     fill_row_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
 
     let ambient = shader.phong.ambient as f32 / 255.0;
@@ -256,18 +288,23 @@ fn shade_row(
             &mut added[..]
         }),
     };
-    let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
+    // Light from all around gives no highlight.
+    let reflected_bounce = shader.phong.diffuse as f32;
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
-    let places = shader.row_positions(region, row, row_heights(lit.shape, region, row));
-    for (number, led) in shader.leds.iter().enumerate() {
-        led.reflect(normals, places, diffuse, specular, power, gain);
+    for (number, color) in shader.lights.colors().into_iter().enumerate() {
+        led_row.fill(lit.field, number, y, region.x0, width);
+        led_row.reflect(shader, number, normals, power, gain);
         if !pixels.is_empty() {
-            let SubpixelScratch { normals, x_mm, heights_mm, gain: samples, .. } = &mut *subpixel;
+            let SubpixelScratch { normals, led: sample_row, gain: samples, .. } = &mut *subpixel;
             samples.resize(pixels.len() * SAMPLES, 0.0);
-            let places = RowPositions { x_mm, y_mm: shader.row_y_mm(y), heights_mm };
-            led.reflect(normals, places, diffuse, specular, power, samples);
+            if lit.field.is_some() {
+                // Light varies little within a pixel, unlike the normal.
+                let columns = pixels.iter().map(|pixel| pixel.x as usize - region.x0);
+                sample_row.vectors.repeat_from(&led_row.vectors, columns, SAMPLES);
+            }
+            sample_row.reflect(shader, number, normals, power, samples);
             average_samples(gain, samples, pixels, region.x0);
         }
         if let Some(Some(visible)) = lit.visible_shares.get(number) {
@@ -286,12 +323,17 @@ fn shade_row(
                 0.0
             }
         };
-        let color = led.color;
         for x in 0..width {
             let gain = gain[x] - flat;
             red[x] += gain * color[0];
             green[x] += gain * color[1];
             blue[x] += gain * color[2];
+        }
+    }
+    for (channel, out) in [&mut *red, &mut *green, &mut *blue].into_iter().enumerate() {
+        if let Some(bounced) = lit.field.and_then(|field| field.bounced(channel)) {
+            bounced.interpolate_row(y, region.x0, line, share);
+            out.iter_mut().zip(&*share).for_each(|(out, light)| *out += reflected_bounce * light);
         }
     }
     if let Some(prepared) = &shader.residual {

@@ -1,0 +1,706 @@
+//! Light of LEDs at their distance from the pad: rows of points with a lobe, their images in the window, and one bounce.
+//!
+//! A row of LEDs is taken as a few points along it. A point of strength 1 in the middle of the image sends to a place r
+//! away the light (D / r)^2 (Lambert 1760), times the cosine of the angle to its axis to the power `lobe`. Over all
+//! points of an LED this is scaled to 1 in the middle of the image. A point's image in the window is one more point,
+//! behind the window, which sends Fresnel's share of that ([`window`]).
+//!
+//! All of it varies slowly over the pad, unlike the surface's normal. So it is computed on a grid coarser than the
+//! camera's: for each LED the vector L of its light, the sum over all points of strength times visible share times
+//! direction. At each pixel the diffuse light is then N.L, with L interpolated. This is exact where the surface faces
+//! all visible points of an LED. A highlight is that of a point in the direction of L.
+
+use super::coarse::{CoarseGrid, CoarseValues};
+use super::led::{Led, LedPlace, Normals};
+use super::phong::{Phong, Shadows};
+use super::shadow::SteepestSlopes;
+use crate::base::grid::{Grid, Rect, Resolution};
+use crate::base::simd::simd_dispatch;
+use crate::base::view::{SURFACE_BORDER, View};
+use bounce::Coat;
+use horizons::Horizons;
+use window::{ReflectedShares, Window};
+
+pub mod bounce;
+pub(crate) mod horizons;
+pub mod window;
+
+/// Smallest square of a distance to an LED that counts, mm^2: at an LED that lies in the pad's plane, light would be
+/// infinite and come from nowhere.
+const NEAREST_MM2: f32 = 1e-6;
+
+/// Widths, over the distance, from which a row is taken as two and as six points.
+const TWO_POINTS_FROM: f64 = 0.1;
+const SIX_POINTS_FROM: f64 = 0.4;
+
+/// Half the range of slopes over which a shadow's border is softened, for each mm between points of the grid: nearer
+/// obstacles are not resolved.
+const BLUR_PER_MM: f64 = 0.32;
+/// Slopes of the lowest light that casts shadows: what stands lower would shadow the whole pad.
+const LOWEST_SLOPE: f64 = 0.01;
+
+/// A point that shines: part of an LED, or its image in the window.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightPoint {
+    /// Where it is, mm from the middle of the image; z is below 0 on the camera's side.
+    pub at_mm: [f32; 3],
+    /// The direction in which it shines most.
+    aim: [f32; 3],
+    /// Exponent of the cosine about it.
+    pub lobe: f32,
+    /// Light that it sends to a surface that faces it, 1 mm away on its axis.
+    full: f32,
+    /// Half its height, mm.
+    half_height_mm: f32,
+    /// True for an image in the window.
+    pub is_mirrored: bool,
+}
+
+impl LightPoint {
+    /// Returns the most light that it sends anywhere at a distance, mm.
+    pub fn strength_at_distance(&self, mm: f64) -> f64 {
+        f64::from(self.full) / (mm * mm).max(f64::from(NEAREST_MM2))
+    }
+
+    /// Returns the vector from a point of the undeformed pad to it, mm.
+    pub fn vector_from(&self, [x, y]: [f32; 2]) -> [f32; 3] {
+        [self.at_mm[0] - x, self.at_mm[1] - y, self.at_mm[2]]
+    }
+}
+
+/// An LED at its distance, or a part of its row.
+#[derive(Clone, Debug)]
+pub(crate) struct NearLed {
+    /// Colour times intensity.
+    pub color: [f32; 3],
+    /// Its points, those behind the window last.
+    pub points: Vec<LightPoint>,
+}
+
+impl NearLed {
+    /// Places an LED, as one or, if the surface shows highlights, as the two halves of its row: these lie further apart
+    /// than a highlight is wide.
+    fn place(led: &Led, window: Option<&Window>, shows_highlights: bool) -> Vec<Self> {
+        let LedPlace { direction, azimuth: (sin, cos), distance_mm } = led.place();
+        let middle: [f64; 3] = direction.map(|v| v * distance_mm);
+        let [width_mm, height_mm] = led.size_mm.unwrap_or_else(|| {
+            led.angular_size_deg.map(|size| 2.0 * distance_mm * libm::tan((0.5 * size.min(170.0)).to_radians()))
+        });
+        let count = match width_mm / distance_mm {
+            share if share < TWO_POINTS_FROM => 1_u32,
+            share if share < SIX_POINTS_FROM => 2,
+            _ => 6,
+        };
+        // The row runs along the pad, at right angles to the way to its middle.
+        let aim = direction.map(|v| -v);
+        let place = |k: usize| {
+            let along = width_mm * ((k as f64 + 0.5) / f64::from(count) - 0.5);
+            [middle[0] - sin * along, middle[1] + cos * along, middle[2]]
+        };
+        let at_middle = |at: [f64; 3]| {
+            let square = at.iter().map(|v| v * v).sum::<f64>().max(f64::from(NEAREST_MM2));
+            let cosine = -(at[0] * aim[0] + at[1] * aim[1] + at[2] * aim[2]) / square.sqrt();
+            libm::pow(cosine.max(0.0), led.lobe) / square
+        };
+        let places: Vec<[f64; 3]> = (0..count as usize).map(place).collect();
+        let full = 1.0 / places.iter().map(|at| at_middle(*at)).sum::<f64>().max(f64::MIN_POSITIVE);
+        let point = |at: [f64; 3], aim: [f64; 3], is_mirrored| LightPoint {
+            at_mm: at.map(|mm| mm as f32),
+            aim: aim.map(|v| v as f32),
+            lobe: led.lobe as f32,
+            full: full as f32,
+            half_height_mm: (0.5 * height_mm) as f32,
+            is_mirrored,
+        };
+        let color = led.color.map(|share| (share * led.intensity) as f32);
+        let with_images = |places: &[[f64; 3]]| {
+            let mut points: Vec<LightPoint> = places.iter().map(|at| point(*at, aim, false)).collect();
+            if let Some(window) = window {
+                let image = |[x, y, z]: [f64; 3]| [x, y, -2.0 * window.distance_mm - z];
+                points.extend(places.iter().map(|at| point(image(*at), [aim[0], aim[1], -aim[2]], true)));
+            }
+            Self { color, points }
+        };
+        let parts = if shows_highlights && count > 1 { 2 } else { 1 };
+        places.chunks(places.len() / parts).map(with_images).collect()
+    }
+}
+
+/// The LEDs of a sensor at their distances, prepared for its view.
+pub(crate) struct NearLights {
+    pub leds: Vec<NearLed>,
+    reflected: Option<ReflectedShares>,
+    /// Share of the light that the coat scatters.
+    pub albedo: f64,
+    casts_shadows: bool,
+    /// Azimuths of the horizons.
+    azimuths: usize,
+    grid: CoarseGrid,
+    pixel_mm: [f64; 2],
+    view: View,
+}
+
+/// What a press needs besides the direct light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Needs {
+    pub shadows: bool,
+    pub bounce: bool,
+    /// Slopes up to this one change no light.
+    pub flattest: f32,
+    /// How far what stands up can change the light, mm.
+    pub reach_mm: f64,
+}
+
+impl Default for Needs {
+    fn default() -> Self {
+        Self { shadows: false, bounce: false, flattest: f32::INFINITY, reach_mm: 0.0 }
+    }
+}
+
+/// What the surface hides.
+#[derive(Default)]
+pub(crate) struct Hidden {
+    /// The part of the grid that the lists are for.
+    part: Rect,
+    /// The share of each point that is seen; empty where all of it is. The list is empty without shadows.
+    visible: Vec<Vec<f32>>,
+    /// The share of the sky that is hidden; empty without a bounce.
+    sky: Vec<f32>,
+}
+
+impl Hidden {
+    /// Gathers what the surface hides.
+    pub fn new(part: Rect, visible: Vec<Vec<f32>>, sky: Vec<f32>) -> Self {
+        Self { part, visible, sky }
+    }
+
+    /// Returns the index of a place of the grid in the lists.
+    fn index(&self, [x, y]: [usize; 2]) -> usize {
+        (y - self.part.y0) * self.part.width() + x - self.part.x0
+    }
+}
+
+/// The light on a part of the view.
+pub(crate) struct LightField {
+    /// For each LED the vector of its light: right, down and away from the camera.
+    leds: Vec<[CoarseValues; 3]>,
+    /// Light by one bounce, for each channel.
+    bounced: Option<[CoarseValues; 3]>,
+}
+
+/// What an LED's light is at the pixels of a row.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LightVectors {
+    planes: [Vec<f32>; 3],
+}
+
+impl NearLights {
+    pub fn new(phong: &Phong, leds: &[Led], window: Option<&Window>, coat: Coat, view: &View) -> Self {
+        let leds: Vec<NearLed> =
+            leds.iter().flat_map(|led| NearLed::place(led, window, phong.specular > 0.0)).collect();
+        let (casts_shadows, spacing_mm, azimuths) = match phong.shadows {
+            Shadows::Soft(soft) => match soft.resolution {
+                Resolution::Full => (true, 0.0625, 32),
+                Resolution::Half => (true, 0.125, 24),
+                Resolution::Quarter => (true, 0.25, 16),
+            },
+            Shadows::None if coat.albedo > 0.0 => (false, 0.125, 24),
+            Shadows::None => (false, 0.0625, 0),
+        };
+        let mut grid = CoarseGrid::with_spacing(spacing_mm, view.mm_per_px);
+        while grid.inner_size(view.resolution_px).contains(&0) {
+            grid.factor /= 2;
+        }
+        let pixel_mm = grid.pixel_size_mm(view.mm_per_px);
+        Self {
+            reflected: window.map(|window| ReflectedShares::new(window.refractive_index)),
+            albedo: coat.albedo,
+            leds,
+            casts_shadows,
+            azimuths,
+            grid,
+            pixel_mm,
+            view: *view,
+        }
+    }
+
+    /// Returns true if the window mirrors the LEDs.
+    pub fn has_mirror(&self) -> bool {
+        self.reflected.is_some()
+    }
+
+    /// Returns the bound on the change of the reflected share per unit of the cosine; 0 without a window.
+    pub fn most_reflected_per_cosine(&self) -> f64 {
+        self.reflected.as_ref().map_or(0.0, |reflected| reflected.most_per_cosine)
+    }
+
+    /// Returns half the range of slopes over which all shadows are softened.
+    fn blur(&self) -> f64 {
+        BLUR_PER_MM * 0.5 * (self.pixel_mm[0] + self.pixel_mm[1])
+    }
+
+    /// Finds out what a press needs: whether anything stands high enough. `at_rest_mm` is the highest point of the pad at
+    /// rest. With `everywhere`, all that the sensor has is needed.
+    pub fn needs(&self, surface: &Grid<f32>, at_rest_mm: f32, everywhere: bool) -> Needs {
+        if !self.casts_shadows && self.albedo == 0.0 {
+            return Needs::default();
+        }
+        let surface = self.grid.subsample(surface);
+        let steepest = SteepestSlopes::new(&surface, self.pixel_mm);
+        let slope =
+            libm::hypot(f64::from(steepest.right.max(steepest.left)), f64::from(steepest.up.max(steepest.down)));
+        // Heights are rounded to 32 bits: no shadow may be missed because of that.
+        let slope = slope + 1e-5;
+        // A point stands the lower, the higher the surface and the further away the place from which it is seen.
+        let highest_mm = f64::from(at_rest_mm + steepest.highest_mm);
+        let lowest = self.leds.iter().flat_map(|led| &led.points).map(|point| {
+            let [x, y, z] = point.at_mm.map(f64::from);
+            let half_mm: [f64; 2] =
+                std::array::from_fn(|k| 0.5 * self.view.resolution_px[k] as f64 * self.view.mm_per_px[k]);
+            let across_mm = libm::hypot(x.abs() + half_mm[0], y.abs() + half_mm[1]);
+            (-z - highest_mm - f64::from(point.half_height_mm)) / across_mm
+        });
+        let lowest = (lowest.fold(f64::INFINITY, f64::min) - self.blur()).max(LOWEST_SLOPE);
+        let steep = f64::from(bounce::FLATTEST_SLOPE);
+        let (shadows, bounce) = (self.casts_shadows && slope > lowest, self.albedo > 0.0 && slope > steep);
+        // By what the sensor has, not by what is needed: horizons are the same wherever they are found.
+        let flattest = match (self.casts_shadows, self.albedo > 0.0) {
+            (true, true) => lowest.min(steep),
+            (true, false) => lowest,
+            (false, _) => steep,
+        };
+        let reach_mm = f64::from(steepest.span_mm) / flattest;
+        let has = |it: bool, needed: bool| needed || (it && everywhere);
+        Needs {
+            shadows: has(self.casts_shadows, shadows),
+            bounce: has(self.albedo > 0.0, bounce),
+            flattest: flattest as f32,
+            reach_mm,
+        }
+    }
+
+    /// Returns the part of the view whose light what stands in `bent` can change.
+    pub fn changed_region(&self, bent: Rect, needs: Needs) -> Rect {
+        let grown = |k: usize| {
+            // Interpolation carries a trace further.
+            let px = libm::ceil(needs.reach_mm / self.view.mm_per_px[k]) as usize;
+            if needs.shadows || needs.bounce { px.saturating_add(2 * self.grid.factor) } else { 0 }
+        };
+        let ([x, y], [width, height]) = ([grown(0), grown(1)], self.view.resolution_px);
+        Rect {
+            x0: bent.x0.saturating_sub(x),
+            y0: bent.y0.saturating_sub(y),
+            x1: bent.x1.saturating_add(x).min(width),
+            y1: bent.y1.saturating_add(y).min(height),
+        }
+    }
+
+    /// Finds the horizons that a press needs in a region.
+    pub fn find_horizons(&self, surface: &Grid<f32>, region: Rect, needs: Needs) -> Horizons {
+        let part = self.part_for_region(region, needs);
+        Horizons::new(&self.grid.subsample(surface), part, self.pixel_mm, self.azimuths, needs.flattest)
+    }
+
+    /// Returns the part of the grid on which light is computed for a region.
+    fn part_for_region(&self, region: Rect, needs: Needs) -> Rect {
+        let size = self.view.resolution_px;
+        let part = self.grid.part_for_region(size, region);
+        let [inner_width, inner_height] = self.grid.inner_size(size);
+        // A bounce averages light around each point.
+        let [x, y] = if needs.bounce { bounce::radius_px(self.pixel_mm) } else { [0; 2] };
+        Rect {
+            x0: part.x0.saturating_sub(x),
+            y0: part.y0.saturating_sub(y),
+            x1: (part.x1 + x).min(inner_width),
+            y1: (part.y1 + y).min(inner_height),
+        }
+    }
+
+    /// Finds which share of each point the places of the horizons' part see. The surface has this `shape`, which may
+    /// contain the relief of the pad.
+    pub fn find_visible(&self, shape: &Grid<f32>, horizons: &Horizons) -> Vec<Vec<f32>> {
+        let part = horizons.part;
+        let (columns_mm, blur) = (self.columns_mm(part), self.blur() as f32);
+        let (width, mut rows) = (part.width(), PointRows::default());
+        let segments = self.segments_that_rise(shape, horizons);
+        let mut of_point = |point: &LightPoint| {
+            let mut shares = Vec::new();
+            let [at_x, at_y, at_z] = point.at_mm;
+            for segment in &segments {
+                let Segment { y, first, end, steepest, highest_mm } = *segment;
+                let (heights, y_mm) = self.grid_row(shape, part, y);
+                let columns_mm = &columns_mm[first..end];
+                // From nowhere in the segment does the point stand lower than this.
+                let across_mm = (at_x - columns_mm[0]).abs().max((at_x - columns_mm[end - first - 1]).abs());
+                let dy = at_y - y_mm;
+                let across_mm = (across_mm * across_mm + dy * dy).sqrt();
+                let lowest_mm = -at_z - highest_mm - point.half_height_mm;
+                if lowest_mm >= (steepest + blur) * across_mm * 1.000_01 {
+                    continue;
+                }
+                let highest = &horizons.highest_row(y)[first..end];
+                rows.fill(point, columns_mm, y_mm, &heights[first * self.grid.factor..], self.grid.factor);
+                for x in 0..end - first {
+                    let ([to_x, to_y, to_z], inverse) = ([rows.x[x], rows.y[x], rows.z[x]], rows.weight[x]);
+                    let across = (to_x * to_x + to_y * to_y).sqrt();
+                    // The slope of a point is that of the middle of an LED; it spans as much as it is high. What stands
+                    // lower than any horizon counts as standing just above it, so that a flat pad sees it.
+                    let half = blur * across + point.half_height_mm * inverse;
+                    let up = (-to_z).max(horizons.flattest * across + half);
+                    if up >= highest[x] * across + half {
+                        continue;
+                    }
+                    let horizon = horizons.slope_towards([first + x, y], [to_x, to_y]);
+                    let t = (0.5 + 0.5 * (up - horizon * across) / half).clamp(0.0, 1.0);
+                    if t < 1.0 {
+                        if shares.is_empty() {
+                            shares.resize(part.area(), 1.0);
+                        }
+                        shares[y * width + first + x] = t * t * (3.0 - 2.0 * t);
+                    }
+                }
+            }
+            shares
+        };
+        self.leds.iter().flat_map(|led| &led.points).map(&mut of_point).collect()
+    }
+
+    /// Returns the segments of the horizons' rows in which anything stands up around some point.
+    fn segments_that_rise(&self, shape: &Grid<f32>, horizons: &Horizons) -> Vec<Segment> {
+        let (part, mut segments) = (horizons.part, Vec::new());
+        for y in 0..part.height() {
+            let (highest, (heights, _)) = (horizons.highest_row(y), self.grid_row(shape, part, y));
+            for first in (0..part.width()).step_by(SEGMENT) {
+                let end = (first + SEGMENT).min(part.width());
+                let steepest = highest[first..end].iter().copied().fold(f32::MIN, f32::max);
+                if steepest > horizons.flattest {
+                    let places = heights.iter().skip(first * self.grid.factor).step_by(self.grid.factor);
+                    let highest_mm = places.take(end - first).copied().fold(f32::MIN, f32::max);
+                    segments.push(Segment { y, first, end, steepest, highest_mm });
+                }
+            }
+        }
+        segments
+    }
+
+    /// Returns the part of the view in which anything is hidden.
+    pub fn hidden_region(&self, hidden: &Hidden) -> Rect {
+        let part = hidden.part;
+        let mut found = Rect::default();
+        let lists = hidden.visible.iter().map(|list| (list, 1.0)).chain([(&hidden.sky, 0.0)]);
+        for (list, nothing) in lists.filter(|(list, _)| !list.is_empty()) {
+            for (y, row) in list.chunks_exact(part.width()).enumerate() {
+                let first = row.iter().position(|share| *share != nothing);
+                let last = row.iter().rposition(|share| *share != nothing);
+                if let (Some(first), Some(last)) = (first, last) {
+                    found = found.union(Rect { x0: first, y0: y, x1: last + 1, y1: y + 1 });
+                }
+            }
+        }
+        if found.is_empty() {
+            return found;
+        }
+        // Interpolation carries it as far as the neighbours in the grid.
+        let [first_x, first_y] = self.first_pixel(part);
+        let factor = self.grid.factor;
+        let start = |first: usize, at: usize| (first + at * factor).saturating_sub(factor + SURFACE_BORDER);
+        let end = |first: usize, at: usize, size: usize| (first + at * factor - SURFACE_BORDER + 1).min(size);
+        let [width, height] = self.view.resolution_px;
+        Rect {
+            x0: start(first_x, found.x0),
+            y0: start(first_y, found.y0),
+            x1: end(first_x, found.x1, width),
+            y1: end(first_y, found.y1, height),
+        }
+    }
+
+    /// Computes the vectors of the LEDs' light on a surface of this `shape`, in a region.
+    pub fn direct_light(&self, shape: &Grid<f32>, region: Rect, needs: Needs, hidden: &Hidden) -> Vec<[Grid<f32>; 3]> {
+        let part = self.part_for_region(region, needs);
+        let dark = || std::array::from_fn(|_| Grid::new(part.width(), part.height()));
+        let mut leds: Vec<[Grid<f32>; 3]> = self.leds.iter().map(|_| dark()).collect();
+        self.add_light(shape, part, false, hidden, &mut leds);
+        leds
+    }
+
+    /// Adds the light of the LEDs' images in the window.
+    pub fn add_mirrored_light(
+        &self,
+        shape: &Grid<f32>,
+        region: Rect,
+        needs: Needs,
+        hidden: &Hidden,
+        leds: &mut [[Grid<f32>; 3]],
+    ) {
+        self.add_light(shape, self.part_for_region(region, needs), true, hidden, leds);
+    }
+
+    /// Adds the light of the LEDs, or of their images in the window.
+    fn add_light(&self, shape: &Grid<f32>, part: Rect, mirrored: bool, hidden: &Hidden, leds: &mut [[Grid<f32>; 3]]) {
+        let (columns_mm, width) = (self.columns_mm(part), part.width());
+        let reflected = self.reflected.as_ref().filter(|_| mirrored);
+        let (mut rows, mut number) = (PointRows::default(), 0);
+        for (led, vectors) in self.leds.iter().zip(leds) {
+            for point in &led.points {
+                let seen = hidden.visible.get(number).filter(|seen| !seen.is_empty());
+                number += 1;
+                if point.is_mirrored != mirrored {
+                    continue;
+                }
+                simd_dispatch(
+                    #[inline(always)]
+                    || {
+                        for y in 0..part.height() {
+                            let (heights, y_mm) = self.grid_row(shape, part, y);
+                            rows.fill(point, &columns_mm, y_mm, heights, self.grid.factor);
+                            rows.weigh(point, reflected);
+                            if let Some(seen) = seen {
+                                let row = &seen[hidden.index([part.x0, part.y0 + y])..][..width];
+                                rows.weight.iter_mut().zip(row).for_each(|(weight, seen)| *weight *= seen);
+                            }
+                            let from = [&rows.x, &rows.y, &rows.z];
+                            for (plane, from) in vectors.iter_mut().zip(from) {
+                                for ((sum, from), weight) in plane.row_mut(y).iter_mut().zip(from).zip(&rows.weight) {
+                                    *sum += from * weight;
+                                }
+                            }
+                        }
+                    },
+                );
+            }
+        }
+    }
+
+    /// Computes the light of one bounce, for each channel, in the light of `leds`.
+    pub fn bounced_light(
+        &self,
+        shape: &Grid<f32>,
+        region: Rect,
+        needs: Needs,
+        hidden: &Hidden,
+        leds: &[[Grid<f32>; 3]],
+    ) -> [Grid<f32>; 3] {
+        let part = self.part_for_region(region, needs);
+        let width = part.width();
+        let mut direct: [Grid<f32>; 3] = std::array::from_fn(|_| Grid::new(width, part.height()));
+        let (mut normals, mut light) = (Normals::default(), vec![0.0_f32; width]);
+        let [first_x, first_y] = self.first_pixel(part);
+        for y in 0..part.height() {
+            let row = first_y + y * self.grid.factor;
+            fill_grid_normals(&self.view, shape, [first_x, row], self.grid.factor, width, &mut normals);
+            for (led, vectors) in self.leds.iter().zip(leds) {
+                let [to_x, to_y, to_z] = vectors.each_ref().map(|plane| plane.row(y));
+                for x in 0..width {
+                    let along = normals.x[x] * to_x[x] + normals.y[x] * to_y[x] + normals.z[x] * to_z[x];
+                    light[x] = along.max(0.0);
+                }
+                for (plane, color) in direct.iter_mut().zip(led.color).filter(|(_, color)| *color != 0.0) {
+                    plane.row_mut(y).iter_mut().zip(&light).for_each(|(sum, light)| *sum += color * light);
+                }
+            }
+        }
+        let rows = (part.y0..part.y1).map(|y| &hidden.sky[hidden.index([part.x0, y])..][..width]);
+        bounce::bounce(&mut direct, &rows.flatten().copied().collect::<Vec<f32>>(), self.pixel_mm, self.albedo);
+        direct
+    }
+
+    /// Makes a field of the light on the grid.
+    pub fn field(
+        &self,
+        region: Rect,
+        needs: Needs,
+        leds: Vec<[Grid<f32>; 3]>,
+        bounced: Option<[Grid<f32>; 3]>,
+    ) -> LightField {
+        let (size, part) = (self.view.resolution_px, self.part_for_region(region, needs));
+        let placed = |planes: [Grid<f32>; 3]| planes.map(|plane| self.grid.place_values(size, part, plane.data));
+        LightField { leds: leds.into_iter().map(placed).collect(), bounced: bounced.map(placed) }
+    }
+
+    /// Computes the light on a pad at rest.
+    pub fn field_at_rest(&self, shape: &Grid<f32>) -> LightField {
+        let [width, height] = self.view.resolution_px;
+        let (whole, needs) = (Rect::whole(width, height), Needs::default());
+        let mut leds = self.direct_light(shape, whole, needs, &Hidden::default());
+        self.add_mirrored_light(shape, whole, needs, &Hidden::default(), &mut leds);
+        self.field(whole, needs, leds, None)
+    }
+
+    /// Returns the column and row of a surface, its border counted, on which the first place of a part lies.
+    fn first_pixel(&self, part: Rect) -> [usize; 2] {
+        let first = self.grid.subsampled_origin(self.view.resolution_px);
+        [(part.x0, first[0]), (part.y0, first[1])].map(|(start, first)| {
+            // The first pixel that is kept lies in the surface's border, or in the view.
+            ((start + SURFACE_BORDER) * self.grid.factor) + (first + SURFACE_BORDER as isize) as usize
+        })
+    }
+
+    /// Returns where the columns of a part are, mm from the middle of the view.
+    fn columns_mm(&self, part: Rect) -> Vec<f32> {
+        let first = self.first_pixel(part)[0];
+        let at = |x: usize| (first + x * self.grid.factor) as f64 + 0.5 - SURFACE_BORDER as f64;
+        (0..part.width()).map(|x| self.view.point_mm([at(x), 0.0])[0] as f32).collect()
+    }
+
+    /// Returns the heights of a surface from the first place of row `y` of a part on, and where that row is, mm.
+    #[inline(always)]
+    fn grid_row<'a>(&self, shape: &'a Grid<f32>, part: Rect, y: usize) -> (&'a [f32], f32) {
+        let [first_x, first_y] = self.first_pixel(part);
+        let row = first_y + y * self.grid.factor;
+        let at = row as f64 + 0.5 - SURFACE_BORDER as f64;
+        (&shape.row(row)[first_x..], self.view.point_mm([0.0, at])[1] as f32)
+    }
+}
+
+impl LightField {
+    /// Fills in the light of LED number `led` at the pixels of row `y` of the view, from column `x0` on.
+    #[inline(always)]
+    pub fn fill_row(&self, led: usize, y: usize, x0: usize, line: &mut Vec<f32>, row: &mut LightVectors, width: usize) {
+        for (plane, values) in row.planes.iter_mut().zip(&self.leds[led]) {
+            plane.resize(width, 0.0);
+            values.interpolate_row(y, x0, line, &mut plane[..width]);
+        }
+    }
+
+    /// Returns the light of one bounce in a channel.
+    pub fn bounced(&self, channel: usize) -> Option<&CoarseValues> {
+        self.bounced.as_ref().map(|planes| &planes[channel])
+    }
+}
+
+impl LightVectors {
+    /// Takes the light at these places of another row, each so many times.
+    pub fn repeat_from(&mut self, row: &Self, places: impl Iterator<Item = usize> + Clone, times: usize) {
+        for (plane, from) in self.planes.iter_mut().zip(&row.planes) {
+            plane.clear();
+            for place in places.clone() {
+                plane.extend(std::iter::repeat_n(from[place], times));
+            }
+        }
+    }
+
+    /// Computes diffuse and specular light towards the camera from a row of normals, and writes it to `gain`.
+    #[inline(always)]
+    pub fn reflect(
+        &self,
+        normals: &Normals,
+        diffuse: f32,
+        specular: f32,
+        power: impl Fn(f32) -> f32 + Copy,
+        gain: &mut [f32],
+    ) {
+        let width = gain.len();
+        let [lx, ly, lz] = self.planes.each_ref().map(|plane| &plane[..width]);
+        let (nx, ny, nz) = (&normals.x[..width], &normals.y[..width], &normals.z[..width]);
+        if specular == 0.0 {
+            for x in 0..width {
+                gain[x] = diffuse * (nx[x] * lx[x] + ny[x] * ly[x] + nz[x] * lz[x]).max(0.0);
+            }
+            return;
+        }
+        for x in 0..width {
+            let strength = (lx[x] * lx[x] + ly[x] * ly[x] + lz[x] * lz[x]).sqrt();
+            let along = nx[x] * lx[x] + ny[x] * ly[x] + nz[x] * lz[x];
+            // V = (0, 0, -1): the camera sees minus the z component. What faces away gives no highlight.
+            let mirrored = if along > 0.0 { lz[x] - 2.0 * along * nz[x] } else { 0.0 };
+            // Of almost no light, even the square can be 0.
+            let mirrored = (mirrored.max(0.0) / strength.max(f32::MIN_POSITIVE)).min(1.0);
+            gain[x] = diffuse * along.max(0.0) + specular * strength * power(mirrored);
+        }
+    }
+}
+
+/// Places of a segment.
+const SEGMENT: usize = 16;
+
+/// Some places of a row of the grid.
+struct Segment {
+    y: usize,
+    first: usize,
+    end: usize,
+    /// The steepest of their horizons.
+    steepest: f32,
+    /// The highest of them, mm.
+    highest_mm: f32,
+}
+
+/// Directions to a point from the places of a row, and what it sends there.
+#[derive(Default)]
+struct PointRows {
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    weight: Vec<f32>,
+}
+
+impl PointRows {
+    /// Fills in the directions to a point, and the inverse of its distance as weights. Heights are `factor` apart.
+    #[inline(always)]
+    fn fill(&mut self, point: &LightPoint, columns_mm: &[f32], y_mm: f32, heights: &[f32], factor: usize) {
+        let width = columns_mm.len();
+        let Self { x, y, z, weight } = self;
+        for plane in [&mut *x, &mut *y, &mut *z, &mut *weight] {
+            plane.resize(width, 0.0);
+        }
+        // Towards the camera, where the point is, z falls: a positive height brings the surface nearer to it.
+        let [at_x, at_y, at_z] = point.at_mm;
+        for (z, height) in z.iter_mut().zip(heights.iter().step_by(factor)) {
+            *z = at_z + height;
+        }
+        let dy = at_y - y_mm;
+        let (x, y, z, weight) = (&mut x[..width], &mut y[..width], &mut z[..width], &mut weight[..width]);
+        for k in 0..width {
+            let dx = at_x - columns_mm[k];
+            let inverse = 1.0 / (dx * dx + dy * dy + z[k] * z[k]).max(NEAREST_MM2).sqrt();
+            (x[k], y[k], z[k], weight[k]) = (dx * inverse, dy * inverse, z[k] * inverse, inverse);
+        }
+    }
+
+    /// Turns the inverse of the distance into the light that arrives.
+    #[inline(always)]
+    fn weigh(&mut self, point: &LightPoint, reflected: Option<&ReflectedShares>) {
+        let Self { x, y, z, weight } = self;
+        let [aim_x, aim_y, aim_z] = point.aim;
+        for weight in &mut *weight {
+            *weight = point.full * *weight * *weight;
+        }
+        let cosine = |[x, y, z]: [f32; 3]| (-(x * aim_x + y * aim_y + z * aim_z)).max(0.0);
+        if point.lobe == 1.0 {
+            for (weight, ((x, y), z)) in weight.iter_mut().zip(x.iter().zip(&*y).zip(&*z)) {
+                *weight *= cosine([*x, *y, *z]);
+            }
+        } else if point.lobe != 0.0 {
+            for (weight, ((x, y), z)) in weight.iter_mut().zip(x.iter().zip(&*y).zip(&*z)) {
+                *weight *= libm::powf(cosine([*x, *y, *z]), point.lobe);
+            }
+        }
+        if let Some(reflected) = reflected {
+            for (weight, z) in weight.iter_mut().zip(&*z) {
+                *weight *= reflected.at_cosine(z.abs());
+            }
+        }
+    }
+}
+
+/// Computes the normals at every `factor`th pixel of a row of a surface, from pixel `at` on, its border counted.
+fn fill_grid_normals(
+    view: &View,
+    shape: &Grid<f32>,
+    at: [usize; 2],
+    factor: usize,
+    width: usize,
+    normals: &mut Normals,
+) {
+    let [per_slope_x, per_slope_y] = view.mm_per_px.map(|pixel_mm| (0.5 / pixel_mm) as f32);
+    let (above, here, below) = (shape.row(at[1] - 1), shape.row(at[1]), shape.row(at[1] + 1));
+    let Normals { x: nx, y: ny, z: nz } = normals;
+    for plane in [&mut *nx, &mut *ny, &mut *nz] {
+        plane.resize(width, 0.0);
+    }
+    for k in 0..width {
+        let x = at[0] + k * factor;
+        let (fx, fy) = ((here[x - 1] - here[x + 1]) * per_slope_x, (above[x] - below[x]) * per_slope_y);
+        let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
+        (nx[k], ny[k], nz[k]) = (fx * inverse, fy * inverse, -inverse);
+    }
+}

@@ -1,0 +1,359 @@
+//! Light of near LEDs, their images in the window and one bounce against traced paths (`tests/oracle/path_tracer.rs`),
+//! on pads that eight objects are pressed into.
+//!
+//! Three sensors stand for kinds: rows of LEDs close by (Mini), small LEDs (DIGIT), low rows of four colours over a coat
+//! with a highlight (2014). Their geometry is assumed, not measured. The untouched pad has 110 levels in its middle.
+
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::view::View;
+use gelsim_core::gelpad::Contact;
+use gelsim_core::optics::Model;
+use gelsim_core::optics::led::Led;
+use gelsim_core::optics::near_light::bounce::Coat;
+use gelsim_core::optics::near_light::window::{Window, fresnel};
+use gelsim_core::optics::phong::{Phong, Shadows, SoftShadows};
+use gelsim_files::sensor::Sensor;
+use gelsim_job::sample::render;
+
+use super::support::{camera_of, contact_of, grey, light_at, light_of};
+use crate::oracle::path_tracer::{Scene, Ways};
+use crate::plan::plan;
+
+/// Grey level of the untouched pad in its middle.
+const REST_LEVEL: f64 = 110.0;
+const OBJECTS: [&str; 8] = ["sphere", "torus", "dots", "hexagon_nut", "coin", "gear", "letter", "rope"];
+/// Every so many pixels is traced.
+const STRIDE: usize = 12;
+const BOUNCES: usize = 3;
+/// What surrounds the contact, mm.
+const AROUND_MM: f64 = 1.0;
+
+/// Paths of a pixel: few, whose noise counts as error, unless more are asked for.
+fn paths() -> u32 {
+    let asked = std::env::var("GELSIM_PATHS").ok();
+    asked.map_or(48, |paths| paths.parse().expect("GELSIM_PATHS is a number"))
+}
+
+/// The objects: every second one, unless more paths are asked for.
+fn objects() -> impl Iterator<Item = &'static str> {
+    OBJECTS.into_iter().step_by(if paths() > 48 { 1 } else { 2 })
+}
+
+/// A kind of sensor.
+struct Kind {
+    name: &'static str,
+    sensor: Sensor,
+    phong: Phong,
+}
+
+impl Kind {
+    fn new(
+        name: &'static str,
+        size_mm: [f64; 2],
+        window_mm: f64,
+        albedo: f64,
+        lobe: [f64; 2],
+        mut leds: Vec<Led>,
+    ) -> Self {
+        let phong = Phong {
+            diffuse: 0.5,
+            specular: 0.5 * lobe[0],
+            shininess: lobe[1],
+            darkening: Some(0.0),
+            shadows: Shadows::Soft(SoftShadows::default()),
+            ..Phong::default()
+        };
+        let resolution_px = size_mm.map(|mm| (mm / 0.06).round() as u32);
+        let window = Some(Window { distance_mm: window_mm, refractive_index: 1.41 });
+        // Each channel has the level of the untouched pad.
+        let flat = Scene::new(
+            &leds,
+            window,
+            0.0,
+            phong,
+            View { resolution_px: [9, 9], mm_per_px: [0.1; 2] },
+            &Grid::new(11, 11),
+        );
+        let middle = flat.trace(9, 4000, 0).data[0].all();
+        for led in &mut leds {
+            for (share, middle) in led.color.iter_mut().zip(middle) {
+                *share *= REST_LEVEL / 255.0 / middle;
+            }
+        }
+        let sensor = Sensor {
+            resolution_px,
+            field_of_view_mm: resolution_px.map(|px| 0.06 * f64::from(px)),
+            gelpad_thickness_mm: 4.0,
+            darkening: 0.0,
+            window,
+            coat: Some(Coat { albedo }),
+            led: leds,
+            ..Sensor::default()
+        };
+        Self { name, sensor, phong }
+    }
+
+    fn all() -> [Self; 3] {
+        let row = |at: [f64; 3], size_mm: [f64; 2], color: [f64; 3]| Led {
+            position_mm: Some(at),
+            size_mm: Some(size_mm),
+            lobe: 1.0,
+            color,
+            intensity: 1.0,
+            ..Led::default()
+        };
+        let polar = |degrees: f64, across: f64, up: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            [across * cos, across * sin, -up]
+        };
+        let [red, green, blue] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        [
+            Self::new(
+                "Mini",
+                [19.2, 14.4],
+                8.0,
+                0.5,
+                [0.0, 1.0],
+                vec![
+                    row([0.0, -10.0, -5.0], [12.0, 1.0], red),
+                    row([12.0, 0.0, -5.0], [10.0, 1.0], green),
+                    row([0.0, 10.0, -5.0], [12.0, 1.0], blue),
+                ],
+            ),
+            Self::new(
+                "DIGIT",
+                [15.6, 21.0],
+                8.0,
+                0.45,
+                [0.3, 5.0],
+                vec![
+                    row(polar(327.0, 13.0, 6.0), [2.0, 2.0], red),
+                    row(polar(208.0, 13.0, 6.0), [2.0, 2.0], green),
+                    row(polar(93.0, 14.0, 6.0), [2.0, 2.0], blue),
+                ],
+            ),
+            Self::new(
+                "2014",
+                [19.2, 14.4],
+                6.0,
+                0.3,
+                [1.0, 8.0],
+                vec![
+                    row([13.0, 0.0, -2.5], [10.0, 1.0], [0.5, 0.5, 0.5]),
+                    row([0.0, 11.0, -2.5], [14.0, 1.0], [0.15, 0.3, 1.0]),
+                    row([-13.0, 0.0, -2.5], [10.0, 1.0], [1.0, 0.2, 0.2]),
+                    row([0.0, -11.0, -2.5], [14.0, 1.0], [0.15, 1.0, 0.35]),
+                ],
+            ),
+        ]
+    }
+
+    /// What the press changes at every pixel, levels, by the model with this window and coat.
+    fn modelled(&self, contact: &Contact, window: bool, coat: bool) -> Vec<[f64; 3]> {
+        let mut sensor = self.sensor.clone();
+        sensor.window = sensor.window.filter(|_| window);
+        sensor.coat = sensor.coat.filter(|_| coat);
+        let view = camera_of(&sensor);
+        let rest = grey(&view, 128);
+        let light = light_of(&Model::Led(self.phong), &sensor, contact, &rest);
+        let [width, height] = view.resolution_px;
+        let pixels = (0..width * height).map(|at| light_at(&light, &rest, at % width, at / width));
+        pixels.map(|pixel| pixel.map(|value| 255.0 * (value - 128.0 / 255.0))).collect()
+    }
+
+    fn traced(&self, contact: &Contact) -> Grid<Ways> {
+        let coat = self.sensor.coat.expect("kinds have a coat");
+        let view = camera_of(&self.sensor);
+        Scene::new(&self.sensor.led, self.sensor.window, coat.albedo, self.phong, view, &contact.surface).trace(
+            STRIDE,
+            paths(),
+            BOUNCES,
+        )
+    }
+
+    fn contact(&self, object: &str, depth_mm: f64) -> Contact {
+        let Sensor { resolution_px: [width, height], field_of_view_mm: [x, y], .. } = self.sensor;
+        let plan = plan(&format!(
+            "dataset = {{ name = 'light', samples = 1 }}\nfidelity = 'standard'\nindentation.depth_mm = {depth_mm}\n\
+             object = [{{ path = 'objects/{object}.obj' }}]\npose.yaw_deg = 20.0\n\
+             sensor = {{ resolution_px = [{width}, {height}], field_of_view_mm = [{x}, {y}], gelpad_thickness_mm = 4.0 }}\n"
+        ));
+        // Traced at pixel centres: there light is compared.
+        let mut contact = render(&plan, 0).impression.contact;
+        contact.subpixel = None;
+        contact
+    }
+}
+
+/// Differences from what is traced, levels.
+#[derive(Default)]
+struct Off {
+    sum: f64,
+    count: f64,
+    /// Pixels that are off by over 20 levels.
+    over_px: usize,
+}
+
+impl Off {
+    fn add(&mut self, found: [f64; 3], traced: [f64; 3]) {
+        for (found, traced) in found.into_iter().zip(traced) {
+            self.sum += (found - traced).abs();
+            self.count += 1.0;
+        }
+        let most = found.into_iter().zip(traced).map(|(found, traced)| (found - traced).abs()).fold(0.0, f64::max);
+        self.over_px += usize::from(most > 20.0) * STRIDE * STRIDE;
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.count
+    }
+}
+
+/// How far a kind may be off, mean levels.
+struct Bounds {
+    /// Direct light.
+    direct: f64,
+    /// All light, its noise included.
+    all: f64,
+}
+
+#[test]
+fn light_is_that_of_traced_paths() {
+    println!(
+        "levels: change by the press; off: direct light, with mirror, all (px over 20); without mirror, without bounce"
+    );
+    let bounds = [
+        [Bounds { direct: 1.5, all: 4.0 }, Bounds { direct: 0.9, all: 2.8 }],
+        [Bounds { direct: 1.2, all: 4.2 }, Bounds { direct: 0.75, all: 2.9 }],
+        [Bounds { direct: 3.0, all: 6.4 }, Bounds { direct: 2.2, all: 4.8 }],
+    ];
+    for (kind, bounds) in Kind::all().iter().zip(bounds) {
+        let flat = kind.traced(&contact_of(&camera_of(&kind.sensor), |_| 0.0));
+        for (depth_mm, bounds) in [1.0, 0.5].into_iter().zip(bounds) {
+            let mut all: [Off; 6] = std::array::from_fn(|_| Off::default());
+            let mut most_px = 0;
+            for object in objects() {
+                let contact = kind.contact(object, depth_mm);
+                let over_before = all[3].over_px;
+                compare(kind, &contact, &flat, &mut all);
+                most_px = most_px.max(all[3].over_px - over_before);
+            }
+            let [change, direct, mirror, full, no_mirror, no_bounce] = all.each_ref().map(Off::mean);
+            println!(
+                "{:5} {depth_mm:3} mm: {change:5.1}; {direct:4.2}, {mirror:4.2}, {full:4.2} ({most_px} px); {no_mirror:4.2}, {no_bounce:4.2}",
+                kind.name
+            );
+            assert!(direct < bounds.direct && full < bounds.all, "{direct} {full}");
+            assert!(
+                no_mirror > 1.6 * full && no_bounce > full,
+                "each effect is worth something: {no_mirror} {no_bounce}"
+            );
+        }
+    }
+}
+
+/// Adds up what the press changes, and how far the model is off: direct light, light with the mirror, all light; and all
+/// light without the mirror and without the bounce.
+fn compare(kind: &Kind, contact: &Contact, flat: &Grid<Ways>, all: &mut [Off; 6]) {
+    let traced = kind.traced(contact);
+    let modelled = |(window, coat)| kind.modelled(contact, window, coat);
+    let [direct, mirror, full, bounce] = [(false, false), (true, false), (true, true), (false, true)].map(modelled);
+    let reach = (AROUND_MM / 0.06) as usize;
+    for (number, (ways, rest)) in traced.data.iter().zip(&flat.data).enumerate() {
+        let [x, y] = [number % traced.width, number / traced.width].map(|at| at * STRIDE + STRIDE / 2);
+        let mut rows = y.saturating_sub(reach)..(y + reach + 1).min(contact.mask.height);
+        let columns = x.saturating_sub(reach)..(x + reach + 1).min(contact.mask.width);
+        if !rows.any(|y| contact.mask.row(y)[columns.clone()].iter().any(|value| *value > 0)) {
+            continue;
+        }
+        let levels = |of: &dyn Fn(&Ways) -> [f64; 3]| -> [f64; 3] {
+            let (pressed, rest) = (of(ways), of(rest));
+            std::array::from_fn(|k| 255.0 * (pressed[k] - rest[k]))
+        };
+        let all_light = levels(&Ways::all);
+        let by_leds = levels(&|ways| ways.direct);
+        let with_mirror = levels(&|ways| std::array::from_fn(|k| ways.direct[k] + ways.mirrored[k]));
+        let at = y * contact.mask.width + x;
+        let pairs = [
+            ([0.0; 3], all_light),
+            (direct[at], by_leds),
+            (mirror[at], with_mirror),
+            (full[at], all_light),
+            (bounce[at], all_light),
+            (mirror[at], all_light),
+        ];
+        all.iter_mut().zip(pairs).for_each(|(off, (found, traced))| off.add(found, traced));
+    }
+}
+
+#[test]
+fn a_small_led_over_a_flat_pad_and_its_image_give_what_closed_forms_say() {
+    let led = Led {
+        position_mm: Some([6.0, 0.0, -3.0]),
+        size_mm: Some([0.01, 0.01]),
+        lobe: 2.0,
+        color: [1.0; 3],
+        intensity: 1.0,
+        ..Led::default()
+    };
+    let phong = Phong { diffuse: 0.5, specular: 0.0, ..Phong::default() };
+    let window = Window { distance_mm: 7.0, refractive_index: 1.41 };
+    let view = View { resolution_px: [41, 3], mm_per_px: [0.1; 2] };
+    let traced = Scene::new(&[led], Some(window), 0.5, phong, view, &Grid::new(43, 5)).trace(1, 16, 2);
+    for x in [0, 20, 33] {
+        let ways = traced.data[41 + x];
+        let across = 6.0 - (x as f64 - 20.0) * 0.1;
+        // The axis goes to the middle of the view: (-6, -3) over its length.
+        let at = |up: f64, aim_up: f64| {
+            let square: f64 = across * across + up * up;
+            let length = square.sqrt();
+            let cosine = (across * 6.0 + up * aim_up) / (length * 45.0_f64.sqrt());
+            45.0 / square * cosine.powi(2) * 0.5 * up / length
+        };
+        let direct = at(3.0, 3.0);
+        // The image stands 11 mm up and shines up as the LED shines down.
+        let up = 11.0_f64;
+        let reflected = fresnel(1.41, up / across.hypot(up));
+        let mirrored = at(up, -3.0) * reflected;
+        assert!((ways.direct[0] - direct).abs() < 2e-3 * direct, "{} {direct}", ways.direct[0]);
+        let expected = if across * 6.0 > up * 3.0 { mirrored } else { 0.0 };
+        assert!((ways.mirrored[1] - expected).abs() < 5e-3 * direct, "{} {expected}", ways.mirrored[1]);
+        assert_eq!(ways.bounced, [0.0; 3], "a flat pad throws no light at itself");
+    }
+}
+
+#[test]
+fn a_bowl_throws_even_light_at_itself() {
+    // Of a ball's inner side, every piece receives the same share of what any other scatters: its area over the ball's.
+    let (radius, wide) = (3.0_f64, 2.4_f64);
+    let view = View { resolution_px: [121, 121], mm_per_px: [0.05; 2] };
+    let bowl = contact_of(&view, |[x, y]| {
+        let square = x * x + y * y;
+        if square < wide * wide {
+            (radius * radius - wide * wide).sqrt() - (radius * radius - square).sqrt()
+        } else {
+            0.0
+        }
+    });
+    let overhead = Led {
+        position_mm: Some([0.0, 0.0, -500.0]),
+        size_mm: Some([0.01, 0.01]),
+        color: [1.0; 3],
+        intensity: 1.0,
+        ..Led::default()
+    };
+    let phong = Phong { diffuse: 1.0, specular: 0.0, ..Phong::default() };
+    let traced = Scene::new(&[overhead], None, 0.5, phong, view, &bowl.surface).trace(5, 1500, 1);
+    let expected = 0.5 * wide * wide / (4.0 * radius * radius);
+    let mut all = Vec::new();
+    for (number, ways) in traced.data.iter().enumerate() {
+        let [x, y] = [number % traced.width, number / traced.width].map(|at| ((at * 5 + 2) as f64 - 60.0) * 0.05);
+        if x.hypot(y) < 0.85 * wide {
+            let share = ways.bounced[0] / expected;
+            assert!((share - 1.0).abs() < 0.3, "{x} {y}: {share}");
+            all.push(share);
+        }
+    }
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    assert!(all.len() > 150 && (mean - 1.0).abs() < 0.02, "{mean} of what is expected");
+}
