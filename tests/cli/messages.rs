@@ -883,6 +883,12 @@ fn gels_lenses_and_pins_that_make_no_sense_are_refused() {
         one_mistake("[sensor]", &format!("[sensor]\npreset = \"geltip\"\n{written}"), title, help);
     };
     finger("lens.pinhole.position_mm = «[0.0, 9.5, -20.0]»", "the camera stands in the gel", "2.5 mm thick");
+    finger(
+        "led = [{ size_mm = «[6.0, 1.0]» }]",
+        "`size_mm` does not go with a gel that has a shape",
+        "leave `size_mm` out",
+    );
+    finger("«window» = { distance_mm = 8.0 }", "`window` does not go with a gel", "leave `window` out");
     finger("led = [{ position_mm = «[0.0, 0.0, 3.0]» }]", "the LED is outside of the gel", "below 0 inside");
     one_mistake(
         "[sensor]",

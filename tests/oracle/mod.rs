@@ -9,3 +9,4 @@ pub mod pressed_pixel;
 pub mod ray_tracer;
 pub mod scenery;
 pub mod shading;
+mod vectors;

@@ -14,21 +14,7 @@ use gelsim_core::optics::near_light::window::{Window, fresnel};
 use gelsim_core::optics::phong::Phong;
 use rayon::prelude::*;
 
-type Vector = [f64; 3];
-
-fn dot(a: Vector, b: Vector) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// `a + b * t`.
-fn along(a: Vector, b: Vector, t: f64) -> Vector {
-    std::array::from_fn(|k| a[k] + b[k] * t)
-}
-
-fn unit(a: Vector) -> Vector {
-    let length = dot(a, a).sqrt();
-    a.map(|v| v / length)
-}
+use super::vectors::{Vector, along, cross, dot, unit};
 
 /// Rays start so far off the surface, mm.
 const OFF_MM: f64 = 2e-4;
@@ -385,10 +371,6 @@ impl Scene {
         }
         None
     }
-}
-
-fn cross(a: Vector, b: Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Mixes the bits of a number.

@@ -7,27 +7,12 @@
 
 use std::f64::consts::TAU;
 
+use super::vectors::{Vector, along, dot, unit};
 use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::Phong;
 
-type Vector = [f64; 3];
-
 /// Rays start so far off the surface, mm.
 const OFF_MM: f64 = 1e-7;
-
-fn dot(a: Vector, b: Vector) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// `a + b * t`.
-fn along(a: Vector, b: Vector, t: f64) -> Vector {
-    std::array::from_fn(|k| a[k] + b[k] * t)
-}
-
-fn unit(a: Vector) -> Vector {
-    let length = dot(a, a).sqrt();
-    a.map(|v| v / length)
-}
 
 /// What stands on the plane that an untouched pad is.
 #[derive(Clone, Copy, Debug)]

@@ -7,13 +7,13 @@
 
 use std::sync::Arc;
 
+use crate::base::gaussian_blur;
 use crate::base::grid::{Grid, Rect};
 use crate::base::light::{LazyLight, Light};
 use crate::base::simd::simd_dispatch;
 use crate::base::view::View;
 use crate::effects::{Effect, EffectLog, Requirement};
 
-pub mod defocus;
 mod dots;
 pub mod gel_map;
 mod image;
@@ -207,10 +207,13 @@ impl Camera {
                 let Light { region: source, planes } = self.expand_near_border(change, [0.0; 2]);
                 let sigma_px = camera.blur_sigma_px(&self.view);
                 if source == self.view_rect() {
-                    return Light { region: source, planes: defocus::blur_whole(&planes, width, height, sigma_px) };
+                    return Light {
+                        region: source,
+                        planes: gaussian_blur::blur_whole(&planes, width, height, sigma_px),
+                    };
                 }
-                let target = source.grown(defocus::reach_px(sigma_px), width, height);
-                Light { region: target, planes: defocus::blur_region(&planes, source, target, sigma_px) }
+                let target = source.grown(gaussian_blur::reach_px(sigma_px), width, height);
+                Light { region: target, planes: gaussian_blur::blur_region(&planes, source, target, sigma_px) }
             });
         }
         if let Some(lens) = camera.lens(&self.view) {

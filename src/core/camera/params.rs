@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::lens::Lens;
 use super::noise::{self, Noise};
-use super::{Planes, defocus, vignette};
+use super::{Planes, vignette};
+use crate::base::gaussian_blur;
 use crate::base::grid::Rect;
 use crate::base::rng;
 use crate::base::view::View;
@@ -157,7 +158,7 @@ impl CameraParams {
         let [width, height] = view.resolution_px;
         let mut planes = planes.clone();
         if self.defocus_mm > 0.0 {
-            planes = defocus::blur_whole(&planes, width, height, self.blur_sigma_px(view));
+            planes = gaussian_blur::blur_whole(&planes, width, height, self.blur_sigma_px(view));
         }
         if let Some(lens) = self.lens(view) {
             planes = lens.warp_whole(&planes);

@@ -7,10 +7,10 @@ use std::ops::Range;
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use super::defocus;
 use super::gel_map::interpolate_bilinear;
 use super::projection::Projection;
 use crate::base::chart::Chart;
+use crate::base::gaussian_blur;
 use crate::base::gel::{GelShape, Site};
 use crate::base::grid::{Grid, Rect};
 use crate::base::light::Light;
@@ -139,7 +139,7 @@ impl SkinMotion {
             }
         }
         let sigma_px = spacing_mm.map(|mm| smoothing_mm / mm);
-        let smoothed = defocus::blur_whole(&planes, width, height, sigma_px);
+        let smoothed = gaussian_blur::blur_whole(&planes, width, height, sigma_px);
         let planes = smoothed.map(|data| Grid { width, height, data });
         Self { chart: chart.clone(), planes, spacing_mm, origin_mm }
     }

@@ -11,7 +11,8 @@ use super::background::BackgroundImage;
 use super::coarse::{CoarseGrid, CoarseValues};
 use super::led::PlacedLed;
 use super::near_light::bounce::hidden_sky;
-use super::near_light::{Hidden, LightField, NearLights, Needs};
+use super::near_light::field::LightField;
+use super::near_light::{Hidden, NearLights, Needs};
 use super::phong::{Equation, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::ShadowCasting;
@@ -47,11 +48,19 @@ pub(super) enum Lights {
 }
 
 impl Lights {
-    /// Returns colour times intensity of each LED.
-    pub fn colors(&self) -> Vec<[f32; 3]> {
+    /// Returns how many there are; halves of a row count one by one.
+    pub fn count(&self) -> usize {
         match self {
-            Self::Distant(leds) => leds.iter().map(|led| led.color).collect(),
-            Self::Near(near) => near.leds.iter().map(|led| led.color).collect(),
+            Self::Distant(leds) => leds.len(),
+            Self::Near(near) => near.leds.len(),
+        }
+    }
+
+    /// Returns colour times intensity of an LED.
+    pub fn color(&self, number: usize) -> [f32; 3] {
+        match self {
+            Self::Distant(leds) => leds[number].color,
+            Self::Near(near) => near.leds[number].color,
         }
     }
 }
@@ -273,9 +282,14 @@ impl LedShader {
         let everywhere = effects.runs_everywhere();
         let if_bent =
             |why| if bent.is_empty() { Requirement::Unneeded("the surface is flat") } else { Requirement::Needed(why) };
-        let needs = effects.run_timed(Effect::Shadows, || match bent.is_empty() && !everywhere {
-            true => Needs::default(),
-            false => near.needs(surface, self.relief.as_ref().map_or(0.0, |relief| relief.highest_mm), everywhere),
+        let at_rest_mm = self.relief.as_ref().map_or(0.0, |relief| relief.highest_mm);
+        let (coarse, needs) = effects.run_timed(Effect::Shadows, || match bent.is_empty() && !everywhere {
+            true => (Grid::new(0, 0), Needs::default()),
+            false => {
+                let coarse = near.subsample(surface);
+                let needs = near.needs(&coarse, at_rest_mm, everywhere);
+                (coarse, needs)
+            }
         });
         let shadows = effects.enable(Effect::Shadows, self.need_of_shadows(bent, needs.shadows));
         let need = match near.has_mirror() {
@@ -299,7 +313,7 @@ impl LedShader {
         let hidden = match shadows || bounce {
             true => {
                 let finding = if shadows { Effect::Shadows } else { Effect::Bounce };
-                let horizons = effects.run_timed(finding, || near.find_horizons(surface, reached, needs));
+                let horizons = effects.run_timed(finding, || near.find_horizons(&coarse, reached, needs));
                 let visible =
                     shadows.then(|| effects.run_timed(Effect::Shadows, || near.find_visible(shape, &horizons)));
                 let sky = bounce.then(|| effects.run_timed(Effect::Bounce, || hidden_sky(&horizons)));

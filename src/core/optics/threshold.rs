@@ -14,7 +14,8 @@
 
 use super::Illumination;
 use super::led::PlacedLed;
-use super::near_light::{LightPoint, NearLights};
+use super::near_light::NearLights;
+use super::near_light::points::{LightPoint, NearLed};
 use super::phong::{Phong, Shadows};
 use super::residual::LightResidual;
 use crate::base::grid::{Grid, Rect};
@@ -87,7 +88,7 @@ impl LightBound {
 
     /// Returns the bounds of the points of near LEDs.
     pub fn of_near_lights(lights: &NearLights, phong: &Phong, pad: PadExtent) -> Vec<Self> {
-        let of_led = |led: &super::near_light::NearLed| {
+        let of_led = |led: &NearLed| {
             let color = led.color;
             led.points.iter().map(move |point| Self::of_point(point, color, lights, phong, pad)).collect::<Vec<_>>()
         };
@@ -263,8 +264,8 @@ mod tests {
     use super::*;
     use crate::base::grid::{Grid, Rect};
     use crate::optics::led::{Led, Normals};
-    use crate::optics::near_light::LightVectors;
     use crate::optics::near_light::bounce::Coat;
+    use crate::optics::near_light::field::LightVectors;
     use crate::optics::near_light::window::Window;
 
     const VIEW: View = View { resolution_px: [17, 13], mm_per_px: [0.5, 0.5] };

@@ -90,6 +90,12 @@ pub fn check_curved_sensor(check: &mut JobChecker<'_>, sensor: &Sensor) {
         }
     }
     for (number, led) in sensor.led.iter().enumerate() {
+        for (key, is_set) in [("size_mm", led.size_mm.is_some()), ("lobe", led.lobe != 0.0)] {
+            if has("shape") && is_set {
+                let message = format!("`{key}` does not go with a gel that has a shape");
+                check.report_error(&format!("sensor.led.{number}.{key}"), message, format!("leave `{key}` out"));
+            }
+        }
         let Some(position_mm) = led.position_mm else { continue };
         let at = format!("sensor.led.{number}.position_mm");
         for (k, mm) in position_mm.iter().enumerate() {

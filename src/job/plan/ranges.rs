@@ -222,8 +222,8 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
                     format_number(window.distance_mm)
                 );
                 let help = "LEDs shine into the gel from its side, before the window: move the LED or the window";
-                let cause = "LEDs are beyond the window";
-                check.report_grouped_error(&format!("sensor.led.{i}.{key}"), cause, message, help);
+                let cause = format!("LEDs are beyond the window at {} mm", format_number(window.distance_mm));
+                check.report_grouped_error(&format!("sensor.led.{i}.{key}"), &cause, message, help);
             }
         }
     }

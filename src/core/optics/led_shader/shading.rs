@@ -11,7 +11,7 @@ use super::{LedShader, Lights, RestReflection};
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::CoarseValues;
 use crate::optics::led::Normals;
-use crate::optics::near_light::{LightField, LightVectors};
+use crate::optics::near_light::field::{LightField, LightVectors};
 use crate::optics::normals::fill_row_normals;
 use crate::optics::phong::{WithPower, run_with_power};
 use crate::optics::residual::{self, Planes};
@@ -90,7 +90,7 @@ impl WithPower for RestReflectionTask<'_> {
         let is_uniform = is_flat && field.is_none();
         let mut led_row = LedRow::default();
         let mut all: Vec<RestReflection> = Vec::new();
-        for number in 0..shader.lights.colors().len() {
+        for number in 0..shader.lights.count() {
             let mut map = if is_uniform { Grid::new(1, 1) } else { Grid::new(width, height) };
             for y in 0..map.height {
                 let part = Rect { x0: 0, y0: y, x1: map.width, y1: y + 1 };
@@ -293,7 +293,8 @@ fn shade_row(
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
-    for (number, color) in shader.lights.colors().into_iter().enumerate() {
+    for number in 0..shader.lights.count() {
+        let color = shader.lights.color(number);
         led_row.fill(lit.field, number, y, region.x0, width);
         led_row.reflect(shader, number, normals, power, gain);
         if !pixels.is_empty() {

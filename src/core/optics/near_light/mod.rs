@@ -10,121 +10,31 @@
 //! direction. At each pixel the diffuse light is then N.L, with L interpolated. This is exact where the surface faces
 //! all visible points of an LED. A highlight is that of a point in the direction of L.
 
-use super::coarse::{CoarseGrid, CoarseValues};
-use super::led::{Led, LedPlace, Normals};
+use super::coarse::CoarseGrid;
+use super::led::{Led, Normals};
+use super::normals::fill_row_normals;
 use super::phong::{Phong, Shadows};
 use super::shadow::SteepestSlopes;
 use crate::base::grid::{Grid, Rect, Resolution};
 use crate::base::simd::simd_dispatch;
 use crate::base::view::{SURFACE_BORDER, View};
 use bounce::Coat;
+use field::{LightField, LightPlanes};
 use horizons::Horizons;
+use points::{LightPoint, NearLed, PointRows};
 use window::{ReflectedShares, Window};
 
 pub mod bounce;
+pub(crate) mod field;
 pub(crate) mod horizons;
+pub(crate) mod points;
 pub mod window;
-
-/// Smallest square of a distance to an LED that counts, mm^2: at an LED that lies in the pad's plane, light would be
-/// infinite and come from nowhere.
-const NEAREST_MM2: f32 = 1e-6;
-
-/// Widths, over the distance, from which a row is taken as two and as six points.
-const TWO_POINTS_FROM: f64 = 0.1;
-const SIX_POINTS_FROM: f64 = 0.4;
 
 /// Half the range of slopes over which a shadow's border is softened, for each mm between points of the grid: nearer
 /// obstacles are not resolved.
 const BLUR_PER_MM: f64 = 0.32;
 /// Slopes of the lowest light that casts shadows: what stands lower would shadow the whole pad.
 const LOWEST_SLOPE: f64 = 0.01;
-
-/// A point that shines: part of an LED, or its image in the window.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct LightPoint {
-    /// Where it is, mm from the middle of the image; z is below 0 on the camera's side.
-    pub at_mm: [f32; 3],
-    /// The direction in which it shines most.
-    aim: [f32; 3],
-    /// Exponent of the cosine about it.
-    pub lobe: f32,
-    /// Light that it sends to a surface that faces it, 1 mm away on its axis.
-    full: f32,
-    /// Half its height, mm.
-    half_height_mm: f32,
-    /// True for an image in the window.
-    pub is_mirrored: bool,
-}
-
-impl LightPoint {
-    /// Returns the most light that it sends anywhere at a distance, mm.
-    pub fn strength_at_distance(&self, mm: f64) -> f64 {
-        f64::from(self.full) / (mm * mm).max(f64::from(NEAREST_MM2))
-    }
-
-    /// Returns the vector from a point of the undeformed pad to it, mm.
-    pub fn vector_from(&self, [x, y]: [f32; 2]) -> [f32; 3] {
-        [self.at_mm[0] - x, self.at_mm[1] - y, self.at_mm[2]]
-    }
-}
-
-/// An LED at its distance, or a part of its row.
-#[derive(Clone, Debug)]
-pub(crate) struct NearLed {
-    /// Colour times intensity.
-    pub color: [f32; 3],
-    /// Its points, those behind the window last.
-    pub points: Vec<LightPoint>,
-}
-
-impl NearLed {
-    /// Places an LED, as one or, if the surface shows highlights, as the two halves of its row: these lie further apart
-    /// than a highlight is wide.
-    fn place(led: &Led, window: Option<&Window>, shows_highlights: bool) -> Vec<Self> {
-        let LedPlace { direction, azimuth: (sin, cos), distance_mm } = led.place();
-        let middle: [f64; 3] = direction.map(|v| v * distance_mm);
-        let [width_mm, height_mm] = led.size_mm.unwrap_or_else(|| {
-            led.angular_size_deg.map(|size| 2.0 * distance_mm * libm::tan((0.5 * size.min(170.0)).to_radians()))
-        });
-        let count = match width_mm / distance_mm {
-            share if share < TWO_POINTS_FROM => 1_u32,
-            share if share < SIX_POINTS_FROM => 2,
-            _ => 6,
-        };
-        // The row runs along the pad, at right angles to the way to its middle.
-        let aim = direction.map(|v| -v);
-        let place = |k: usize| {
-            let along = width_mm * ((k as f64 + 0.5) / f64::from(count) - 0.5);
-            [middle[0] - sin * along, middle[1] + cos * along, middle[2]]
-        };
-        let at_middle = |at: [f64; 3]| {
-            let square = at.iter().map(|v| v * v).sum::<f64>().max(f64::from(NEAREST_MM2));
-            let cosine = -(at[0] * aim[0] + at[1] * aim[1] + at[2] * aim[2]) / square.sqrt();
-            libm::pow(cosine.max(0.0), led.lobe) / square
-        };
-        let places: Vec<[f64; 3]> = (0..count as usize).map(place).collect();
-        let full = 1.0 / places.iter().map(|at| at_middle(*at)).sum::<f64>().max(f64::MIN_POSITIVE);
-        let point = |at: [f64; 3], aim: [f64; 3], is_mirrored| LightPoint {
-            at_mm: at.map(|mm| mm as f32),
-            aim: aim.map(|v| v as f32),
-            lobe: led.lobe as f32,
-            full: full as f32,
-            half_height_mm: (0.5 * height_mm) as f32,
-            is_mirrored,
-        };
-        let color = led.color.map(|share| (share * led.intensity) as f32);
-        let with_images = |places: &[[f64; 3]]| {
-            let mut points: Vec<LightPoint> = places.iter().map(|at| point(*at, aim, false)).collect();
-            if let Some(window) = window {
-                let image = |[x, y, z]: [f64; 3]| [x, y, -2.0 * window.distance_mm - z];
-                points.extend(places.iter().map(|at| point(image(*at), [aim[0], aim[1], -aim[2]], true)));
-            }
-            Self { color, points }
-        };
-        let parts = if shows_highlights && count > 1 { 2 } else { 1 };
-        places.chunks(places.len() / parts).map(with_images).collect()
-    }
-}
 
 /// The LEDs of a sensor at their distances, prepared for its view.
 pub(crate) struct NearLights {
@@ -180,20 +90,6 @@ impl Hidden {
     }
 }
 
-/// The light on a part of the view.
-pub(crate) struct LightField {
-    /// For each LED the vector of its light: right, down and away from the camera.
-    leds: Vec<[CoarseValues; 3]>,
-    /// Light by one bounce, for each channel.
-    bounced: Option<[CoarseValues; 3]>,
-}
-
-/// What an LED's light is at the pixels of a row.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct LightVectors {
-    planes: [Vec<f32>; 3],
-}
-
 impl NearLights {
     pub fn new(phong: &Phong, leds: &[Led], window: Option<&Window>, coat: Coat, view: &View) -> Self {
         let leds: Vec<NearLed> =
@@ -239,14 +135,19 @@ impl NearLights {
         BLUR_PER_MM * 0.5 * (self.pixel_mm[0] + self.pixel_mm[1])
     }
 
-    /// Finds out what a press needs: whether anything stands high enough. `at_rest_mm` is the highest point of the pad at
-    /// rest. With `everywhere`, all that the sensor has is needed.
+    /// Returns a surface on the grid.
+    pub fn subsample(&self, surface: &Grid<f32>) -> Grid<f32> {
+        self.grid.subsample(surface)
+    }
+
+    /// Finds out what a press needs: whether anything stands high enough on the surface, which is [subsampled]
+    /// (NearLights::subsample). `at_rest_mm` is the highest point of the pad at rest. With `everywhere`, all that the sensor
+    /// has is needed.
     pub fn needs(&self, surface: &Grid<f32>, at_rest_mm: f32, everywhere: bool) -> Needs {
         if !self.casts_shadows && self.albedo == 0.0 {
             return Needs::default();
         }
-        let surface = self.grid.subsample(surface);
-        let steepest = SteepestSlopes::new(&surface, self.pixel_mm);
+        let steepest = SteepestSlopes::new(surface, self.pixel_mm);
         let slope =
             libm::hypot(f64::from(steepest.right.max(steepest.left)), f64::from(steepest.up.max(steepest.down)));
         // Heights are rounded to 32 bits: no shadow may be missed because of that.
@@ -295,10 +196,10 @@ impl NearLights {
         }
     }
 
-    /// Finds the horizons that a press needs in a region.
+    /// Finds the horizons that a press needs in a region, on the subsampled surface.
     pub fn find_horizons(&self, surface: &Grid<f32>, region: Rect, needs: Needs) -> Horizons {
         let part = self.part_for_region(region, needs);
-        Horizons::new(&self.grid.subsample(surface), part, self.pixel_mm, self.azimuths, needs.flattest)
+        Horizons::new(surface, part, self.pixel_mm, self.azimuths, needs.flattest)
     }
 
     /// Returns the part of the grid on which light is computed for a region.
@@ -307,13 +208,7 @@ impl NearLights {
         let part = self.grid.part_for_region(size, region);
         let [inner_width, inner_height] = self.grid.inner_size(size);
         // A bounce averages light around each point.
-        let [x, y] = if needs.bounce { bounce::radius_px(self.pixel_mm) } else { [0; 2] };
-        Rect {
-            x0: part.x0.saturating_sub(x),
-            y0: part.y0.saturating_sub(y),
-            x1: (part.x1 + x).min(inner_width),
-            y1: (part.y1 + y).min(inner_height),
-        }
+        part.grown(if needs.bounce { bounce::radius_px(self.pixel_mm) } else { 0 }, inner_width, inner_height)
     }
 
     /// Finds which share of each point the places of the horizons' part see. The surface has this `shape`, which may
@@ -415,10 +310,10 @@ impl NearLights {
     }
 
     /// Computes the vectors of the LEDs' light on a surface of this `shape`, in a region.
-    pub fn direct_light(&self, shape: &Grid<f32>, region: Rect, needs: Needs, hidden: &Hidden) -> Vec<[Grid<f32>; 3]> {
+    pub fn direct_light(&self, shape: &Grid<f32>, region: Rect, needs: Needs, hidden: &Hidden) -> Vec<LightPlanes> {
         let part = self.part_for_region(region, needs);
-        let dark = || std::array::from_fn(|_| Grid::new(part.width(), part.height()));
-        let mut leds: Vec<[Grid<f32>; 3]> = self.leds.iter().map(|_| dark()).collect();
+        let dark = || std::array::from_fn(|_| vec![0.0; part.area()]);
+        let mut leds: Vec<LightPlanes> = self.leds.iter().map(|_| dark()).collect();
         self.add_light(shape, part, false, hidden, &mut leds);
         leds
     }
@@ -430,13 +325,13 @@ impl NearLights {
         region: Rect,
         needs: Needs,
         hidden: &Hidden,
-        leds: &mut [[Grid<f32>; 3]],
+        leds: &mut [LightPlanes],
     ) {
         self.add_light(shape, self.part_for_region(region, needs), true, hidden, leds);
     }
 
     /// Adds the light of the LEDs, or of their images in the window.
-    fn add_light(&self, shape: &Grid<f32>, part: Rect, mirrored: bool, hidden: &Hidden, leds: &mut [[Grid<f32>; 3]]) {
+    fn add_light(&self, shape: &Grid<f32>, part: Rect, mirrored: bool, hidden: &Hidden, leds: &mut [LightPlanes]) {
         let (columns_mm, width) = (self.columns_mm(part), part.width());
         let reflected = self.reflected.as_ref().filter(|_| mirrored);
         let (mut rows, mut number) = (PointRows::default(), 0);
@@ -460,7 +355,9 @@ impl NearLights {
                             }
                             let from = [&rows.x, &rows.y, &rows.z];
                             for (plane, from) in vectors.iter_mut().zip(from) {
-                                for ((sum, from), weight) in plane.row_mut(y).iter_mut().zip(from).zip(&rows.weight) {
+                                for ((sum, from), weight) in
+                                    plane[y * width..][..width].iter_mut().zip(from).zip(&rows.weight)
+                                {
                                     *sum += from * weight;
                                 }
                             }
@@ -478,30 +375,31 @@ impl NearLights {
         region: Rect,
         needs: Needs,
         hidden: &Hidden,
-        leds: &[[Grid<f32>; 3]],
-    ) -> [Grid<f32>; 3] {
+        leds: &[LightPlanes],
+    ) -> LightPlanes {
         let part = self.part_for_region(region, needs);
-        let width = part.width();
-        let mut direct: [Grid<f32>; 3] = std::array::from_fn(|_| Grid::new(width, part.height()));
-        let (mut normals, mut light) = (Normals::default(), vec![0.0_f32; width]);
-        let [first_x, first_y] = self.first_pixel(part);
+        let (width, factor) = (part.width(), self.grid.factor);
+        let mut direct: LightPlanes = std::array::from_fn(|_| vec![0.0; part.area()]);
+        let mut normals = Normals::default();
+        let [first_x, first_y] = self.first_pixel(part).map(|at| at - SURFACE_BORDER);
         for y in 0..part.height() {
-            let row = first_y + y * self.grid.factor;
-            fill_grid_normals(&self.view, shape, [first_x, row], self.grid.factor, width, &mut normals);
+            let row = first_y + y * factor;
+            let across = Rect { x0: first_x, y0: row, x1: first_x + (width - 1) * factor + 1, y1: row + 1 };
+            fill_row_normals(self.view.mm_per_px, shape, across, 0, &mut normals);
             for (led, vectors) in self.leds.iter().zip(leds) {
-                let [to_x, to_y, to_z] = vectors.each_ref().map(|plane| plane.row(y));
                 for x in 0..width {
-                    let along = normals.x[x] * to_x[x] + normals.y[x] * to_y[x] + normals.z[x] * to_z[x];
-                    light[x] = along.max(0.0);
-                }
-                for (plane, color) in direct.iter_mut().zip(led.color).filter(|(_, color)| *color != 0.0) {
-                    plane.row_mut(y).iter_mut().zip(&light).for_each(|(sum, light)| *sum += color * light);
+                    let (at, pixel) = (y * width + x, x * factor);
+                    let [to_x, to_y, to_z] = vectors.each_ref().map(|plane| plane[at]);
+                    let along = normals.x[pixel] * to_x + normals.y[pixel] * to_y + normals.z[pixel] * to_z;
+                    for (plane, color) in direct.iter_mut().zip(led.color) {
+                        plane[at] += color * along.max(0.0);
+                    }
                 }
             }
         }
         let rows = (part.y0..part.y1).map(|y| &hidden.sky[hidden.index([part.x0, y])..][..width]);
-        bounce::bounce(&mut direct, &rows.flatten().copied().collect::<Vec<f32>>(), self.pixel_mm, self.albedo);
-        direct
+        let sky: Vec<f32> = rows.flatten().copied().collect();
+        bounce::bounce(&direct, width, &sky, self.pixel_mm, self.albedo)
     }
 
     /// Makes a field of the light on the grid.
@@ -509,11 +407,11 @@ impl NearLights {
         &self,
         region: Rect,
         needs: Needs,
-        leds: Vec<[Grid<f32>; 3]>,
-        bounced: Option<[Grid<f32>; 3]>,
+        leds: Vec<LightPlanes>,
+        bounced: Option<LightPlanes>,
     ) -> LightField {
         let (size, part) = (self.view.resolution_px, self.part_for_region(region, needs));
-        let placed = |planes: [Grid<f32>; 3]| planes.map(|plane| self.grid.place_values(size, part, plane.data));
+        let placed = |planes: LightPlanes| planes.map(|plane| self.grid.place_values(size, part, plane));
         LightField { leds: leds.into_iter().map(placed).collect(), bounced: bounced.map(placed) }
     }
 
@@ -552,64 +450,6 @@ impl NearLights {
     }
 }
 
-impl LightField {
-    /// Fills in the light of LED number `led` at the pixels of row `y` of the view, from column `x0` on.
-    #[inline(always)]
-    pub fn fill_row(&self, led: usize, y: usize, x0: usize, line: &mut Vec<f32>, row: &mut LightVectors, width: usize) {
-        for (plane, values) in row.planes.iter_mut().zip(&self.leds[led]) {
-            plane.resize(width, 0.0);
-            values.interpolate_row(y, x0, line, &mut plane[..width]);
-        }
-    }
-
-    /// Returns the light of one bounce in a channel.
-    pub fn bounced(&self, channel: usize) -> Option<&CoarseValues> {
-        self.bounced.as_ref().map(|planes| &planes[channel])
-    }
-}
-
-impl LightVectors {
-    /// Takes the light at these places of another row, each so many times.
-    pub fn repeat_from(&mut self, row: &Self, places: impl Iterator<Item = usize> + Clone, times: usize) {
-        for (plane, from) in self.planes.iter_mut().zip(&row.planes) {
-            plane.clear();
-            for place in places.clone() {
-                plane.extend(std::iter::repeat_n(from[place], times));
-            }
-        }
-    }
-
-    /// Computes diffuse and specular light towards the camera from a row of normals, and writes it to `gain`.
-    #[inline(always)]
-    pub fn reflect(
-        &self,
-        normals: &Normals,
-        diffuse: f32,
-        specular: f32,
-        power: impl Fn(f32) -> f32 + Copy,
-        gain: &mut [f32],
-    ) {
-        let width = gain.len();
-        let [lx, ly, lz] = self.planes.each_ref().map(|plane| &plane[..width]);
-        let (nx, ny, nz) = (&normals.x[..width], &normals.y[..width], &normals.z[..width]);
-        if specular == 0.0 {
-            for x in 0..width {
-                gain[x] = diffuse * (nx[x] * lx[x] + ny[x] * ly[x] + nz[x] * lz[x]).max(0.0);
-            }
-            return;
-        }
-        for x in 0..width {
-            let strength = (lx[x] * lx[x] + ly[x] * ly[x] + lz[x] * lz[x]).sqrt();
-            let along = nx[x] * lx[x] + ny[x] * ly[x] + nz[x] * lz[x];
-            // V = (0, 0, -1): the camera sees minus the z component. What faces away gives no highlight.
-            let mirrored = if along > 0.0 { lz[x] - 2.0 * along * nz[x] } else { 0.0 };
-            // Of almost no light, even the square can be 0.
-            let mirrored = (mirrored.max(0.0) / strength.max(f32::MIN_POSITIVE)).min(1.0);
-            gain[x] = diffuse * along.max(0.0) + specular * strength * power(mirrored);
-        }
-    }
-}
-
 /// Places of a segment.
 const SEGMENT: usize = 16;
 
@@ -622,85 +462,4 @@ struct Segment {
     steepest: f32,
     /// The highest of them, mm.
     highest_mm: f32,
-}
-
-/// Directions to a point from the places of a row, and what it sends there.
-#[derive(Default)]
-struct PointRows {
-    x: Vec<f32>,
-    y: Vec<f32>,
-    z: Vec<f32>,
-    weight: Vec<f32>,
-}
-
-impl PointRows {
-    /// Fills in the directions to a point, and the inverse of its distance as weights. Heights are `factor` apart.
-    #[inline(always)]
-    fn fill(&mut self, point: &LightPoint, columns_mm: &[f32], y_mm: f32, heights: &[f32], factor: usize) {
-        let width = columns_mm.len();
-        let Self { x, y, z, weight } = self;
-        for plane in [&mut *x, &mut *y, &mut *z, &mut *weight] {
-            plane.resize(width, 0.0);
-        }
-        // Towards the camera, where the point is, z falls: a positive height brings the surface nearer to it.
-        let [at_x, at_y, at_z] = point.at_mm;
-        for (z, height) in z.iter_mut().zip(heights.iter().step_by(factor)) {
-            *z = at_z + height;
-        }
-        let dy = at_y - y_mm;
-        let (x, y, z, weight) = (&mut x[..width], &mut y[..width], &mut z[..width], &mut weight[..width]);
-        for k in 0..width {
-            let dx = at_x - columns_mm[k];
-            let inverse = 1.0 / (dx * dx + dy * dy + z[k] * z[k]).max(NEAREST_MM2).sqrt();
-            (x[k], y[k], z[k], weight[k]) = (dx * inverse, dy * inverse, z[k] * inverse, inverse);
-        }
-    }
-
-    /// Turns the inverse of the distance into the light that arrives.
-    #[inline(always)]
-    fn weigh(&mut self, point: &LightPoint, reflected: Option<&ReflectedShares>) {
-        let Self { x, y, z, weight } = self;
-        let [aim_x, aim_y, aim_z] = point.aim;
-        for weight in &mut *weight {
-            *weight = point.full * *weight * *weight;
-        }
-        let cosine = |[x, y, z]: [f32; 3]| (-(x * aim_x + y * aim_y + z * aim_z)).max(0.0);
-        if point.lobe == 1.0 {
-            for (weight, ((x, y), z)) in weight.iter_mut().zip(x.iter().zip(&*y).zip(&*z)) {
-                *weight *= cosine([*x, *y, *z]);
-            }
-        } else if point.lobe != 0.0 {
-            for (weight, ((x, y), z)) in weight.iter_mut().zip(x.iter().zip(&*y).zip(&*z)) {
-                *weight *= libm::powf(cosine([*x, *y, *z]), point.lobe);
-            }
-        }
-        if let Some(reflected) = reflected {
-            for (weight, z) in weight.iter_mut().zip(&*z) {
-                *weight *= reflected.at_cosine(z.abs());
-            }
-        }
-    }
-}
-
-/// Computes the normals at every `factor`th pixel of a row of a surface, from pixel `at` on, its border counted.
-fn fill_grid_normals(
-    view: &View,
-    shape: &Grid<f32>,
-    at: [usize; 2],
-    factor: usize,
-    width: usize,
-    normals: &mut Normals,
-) {
-    let [per_slope_x, per_slope_y] = view.mm_per_px.map(|pixel_mm| (0.5 / pixel_mm) as f32);
-    let (above, here, below) = (shape.row(at[1] - 1), shape.row(at[1]), shape.row(at[1] + 1));
-    let Normals { x: nx, y: ny, z: nz } = normals;
-    for plane in [&mut *nx, &mut *ny, &mut *nz] {
-        plane.resize(width, 0.0);
-    }
-    for k in 0..width {
-        let x = at[0] + k * factor;
-        let (fx, fy) = ((here[x - 1] - here[x + 1]) * per_slope_x, (above[x] - below[x]) * per_slope_y);
-        let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
-        (nx[k], ny[k], nz[k]) = (fx * inverse, fy * inverse, -inverse);
-    }
 }

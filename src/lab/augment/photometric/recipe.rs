@@ -10,12 +10,13 @@ use serde::Serialize;
 use super::background::BackgroundSwap;
 use super::noise::NoiseLevel;
 use super::{Photometric, SensorProfile};
+use gelsim_core::base::gaussian_blur;
 use gelsim_core::base::grid::Rect;
 use gelsim_core::base::light::Light;
 use gelsim_core::base::rng::random_stream;
 use gelsim_core::base::view::View;
 use gelsim_core::camera::markers::MarkerPattern;
-use gelsim_core::camera::{Camera, CameraParams, Image, defocus};
+use gelsim_core::camera::{Camera, CameraParams, Image};
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_files::sensor::quantity::Quantity;
@@ -152,7 +153,7 @@ impl PhotometricRecipe {
     /// gains.
     fn missing_noise(&self, wanted: f64, defocus_px: f64, gains: [f64; 3]) -> NoiseLevel {
         let [across, down] = self.view.mm_per_px;
-        let kept = defocus::remaining_noise_variance([defocus_px, defocus_px * across / down]);
+        let kept = gaussian_blur::remaining_noise_variance([defocus_px, defocus_px * across / down]);
         let gain2 = gains.iter().map(|gain| gain * gain).sum::<f64>() / 3.0;
         self.noise.noise_to_add(wanted, libm::sqrt(kept * gain2))
     }

@@ -1,8 +1,8 @@
-//! Defocus: a lens that is out of focus spreads every point of light into a Gaussian spot.
+//! Gaussian blur of pictures and of light: of a lens that is out of focus, and of what stands around a point.
 //!
 //! The weights are those of the discrete Gaussian exp(-s^2) I_k(s^2) (Lindeberg 1990, "Scale-space for discrete
 //! signals"): its variance is s^2 for every s. A sampled curve is too narrow below half a pixel, where most cameras
-//! are. Valid for spots of up to 100 px. A real spot is a disc with a soft rim and the same variance.
+//! are. Valid up to a standard deviation of 100 px.
 
 use crate::base::grid::Rect;
 use crate::base::simd::simd_dispatch;
@@ -10,7 +10,7 @@ use crate::base::simd::simd_dispatch;
 /// Largest standard deviation, px; larger ones are clamped to it.
 const LARGEST_SIGMA_PX: f64 = 100.0;
 
-/// Returns how far a spot reaches along its wider axis, px: four standard deviations.
+/// Returns how far a blur reaches along its wider axis, px: four standard deviations.
 pub fn reach_px(sigma_px: [f64; 2]) -> usize {
     axis_reach_px(sigma_px[0]).max(axis_reach_px(sigma_px[1]))
 }
