@@ -119,6 +119,7 @@ pub use gelsim_core::{
     optics::calibrated::{CalibrationColors, CalibrationTable, response::CalibrationResponse, taxim::TaximCalibration},
     optics::lamps::Lamp,
     optics::led::{Led, LedPlace},
+    optics::light_pattern::LightPattern,
     optics::near_light::bounce::Coat,
     optics::near_light::window::Window,
     optics::residual::LightResidual,

@@ -39,7 +39,7 @@ from gelsim.dataset import Dataset, load
 from gelsim.generating import Generated, generate
 from gelsim.mesh import Mesh
 from gelsim.sample import Sample
-from gelsim.scene import Led, Placement, Pose, Shear, Texture
+from gelsim.scene import Led, LightPattern, Placement, Pose, Shear, Texture
 from gelsim.simulator import Effect, Impression, Simulator
 
 __all__ = [
@@ -49,6 +49,7 @@ __all__ = [
     "Impression",
     "Job",
     "Led",
+    "LightPattern",
     "Mesh",
     "Placement",
     "Pose",

@@ -134,6 +134,28 @@ class Shear:
 
 
 @dataclass(frozen=True)
+class LightPattern:
+    """How the light of an LED varies over a flat pad: factors on its red, green and blue.
+
+    Each is a polynomial of the place: coefficients of 1, x, y, x^2, x y and y^2, with x and y from -1 to 1 over the image. One, three
+    or six of them are given.
+    """
+
+    red: tuple[float, ...] = (1.0,)
+    green: tuple[float, ...] = (1.0,)
+    blue: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        checks = Checks("LightPattern: ")
+        for name in ("red", "green", "blue"):
+            terms = items(f"LightPattern: {name}", getattr(self, name), "1, 3 or 6 numbers")
+            if len(terms) not in (1, 3, 6):
+                raise TypeError(f"LightPattern: {name} has {len(terms)} items; give 1, 3 or 6 numbers")
+            keep(self, **{name: checks.numbers(name, terms, len(terms), -100.0, 100.0)})
+        checks.done()
+
+
+@dataclass(frozen=True)
 class Led:
     """An LED of a sensor, as `[[sensor.led]]` of a sensor file says it.
 
@@ -164,6 +186,8 @@ class Led:
     """Exponent of the cosine about the direction to the middle of the image; for the optics model `led`."""
     name: str = "led"
     """What messages call it."""
+    pattern: Optional[LightPattern] = None
+    """How its light varies over a flat pad; alike everywhere if left out."""
 
     def __post_init__(self) -> None:
         checks = Checks("Led: ")
@@ -183,11 +207,16 @@ class Led:
         honest("Led: name", self.name)
         if not isinstance(self.name, str):
             raise TypeError(f"Led: name is {kind(self.name)}; give a text")
+        honest("Led: pattern", self.pattern)
+        if not (self.pattern is None or isinstance(self.pattern, LightPattern)):
+            raise TypeError(f"Led: pattern is {kind(self.pattern)}; give gelsim.LightPattern(red=(1.0, 0.2, -0.1))")
         checks.done()
 
     @classmethod
     def _of_json(cls, table: dict[str, Any]) -> Led:
         values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
+        if values.get("pattern") is not None:
+            values["pattern"] = LightPattern(**values["pattern"])
         return cls(**values)
 
 

@@ -523,7 +523,7 @@ fn find_doubts_before_fit(
     doubts: &[Vec<OutlierReason>],
 ) -> Findings {
     let mut findings = Findings::default();
-    findings.extend(scale::judge_scale(session, named));
+    findings.extend(scale::judge_scale(session, request.contact_over_disc, named));
     findings.extend(judge::judge_images(session));
     // A wrong scale or background spoils every press: name that cause, not each press.
     if !findings.are_hopeless() {

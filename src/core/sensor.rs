@@ -14,9 +14,10 @@ use crate::optics::background::{BackgroundImage, RenderedBackground};
 use crate::optics::calibrated::CalibrationTable;
 use crate::optics::lamps::{self, Lamp};
 use crate::optics::led::Led;
+use crate::optics::light_pattern;
 use crate::optics::near_light::bounce::Coat;
 use crate::optics::near_light::window::Window;
-use crate::optics::residual::LightResidual;
+use crate::optics::residual::{self, LightResidual};
 use crate::optics::{Illumination, LightSource};
 
 /// A camera-based tactile sensor.
@@ -114,6 +115,16 @@ pub enum SensorError {
         value: f64,
         /// The values that are allowed.
         allowed: &'static str,
+    },
+    /// A polynomial has a number of coefficients that none can have.
+    #[error("the {name} has {found} coefficients for a channel; allowed: {allowed:?}")]
+    Coefficients {
+        /// What it is.
+        name: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many there may be.
+        allowed: &'static [usize],
     },
     /// It has lamps, but not as many as the optics model `lamps` takes.
     #[error("the sensor has {0} lamps; a sensor has none or {count}", count = lamps::LAMP_COUNT)]
@@ -275,6 +286,19 @@ impl Sensor {
         let mut numbers = self.lamps.iter().flat_map(Lamp::numbers);
         if let Some((_, value)) = numbers.find(|(_, value)| !value.is_finite()) {
             return Err(SensorError::Number { name: "lamps", value, allowed: "finite" });
+        }
+        let counts = |name: &'static str, channels: [&Vec<f64>; 3], allowed: &'static [usize]| match channels
+            .into_iter()
+            .find(|terms| !allowed.contains(&terms.len()))
+        {
+            Some(terms) => Err(SensorError::Coefficients { name, found: terms.len(), allowed }),
+            None => Ok(()),
+        };
+        if let Some(residual) = &self.light_residual {
+            counts("light_residual", residual.channels(), &residual::TERM_COUNTS)?;
+        }
+        for pattern in self.leds.iter().filter_map(|led| led.pattern.as_deref()) {
+            counts("pattern of an LED", pattern.channels(), &light_pattern::TERM_COUNTS)?;
         }
         match &self.background {
             Background::Photograph(photograph) if [photograph.width, photograph.height] != self.resolution_px => {

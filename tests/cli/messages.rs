@@ -309,6 +309,8 @@ fn numbers_out_of_their_range_are_refused_with_the_range() {
     more("field_of_view_mm = [20.0, «0»]", "field_of_view_mm = 0 is out of range", "allowed: 0.001 to 10000 mm");
     more("gelpad_poisson_ratio = «0.5»", "gelpad_poisson_ratio = 0.5 is out of range", "allowed: 0 to 0.4999");
     more("[[sensor.led]]\ncolor = [0.0, «2.0», 0.0]", "color = 2 is out of range", "allowed: 0 to 1");
+    more("[[sensor.led]]\npattern.red = «[1.0, 0.2]»", "2 coefficients", "write 1, 3 or 6 of them");
+    more("[[sensor.led]]\npattern.red = [1.0, «-200.0», 0.0]", "red = -200 is out of range", "allowed: -100 to 100");
     more("[gelpad.mean_blur]\nkernel_px = «14»", "kernel_px must be odd", "write 13 or 15");
     more("[gelpad.mean_blur]\nkernel_px = «0»", "kernel_px = 0 is out of range", "allowed: 1 to 255");
     more("[gelpad.mean_blur]\nkernel_px = «300»", "kernel_px = 300 is out of range", "allowed: 1 to 255");

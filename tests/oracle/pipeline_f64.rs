@@ -151,11 +151,18 @@ pub fn turned_deg(found: &[[f32; 3]], expected: &[[f64; 3]]) -> f64 {
 pub fn light_of(surface: &Grid<f64>, plan: &Plan) -> Vec<f64> {
     let constants = plan.simulator.models().optics.phong().expect("LEDs");
     let inner = surface_in_view(surface);
+    let width = plan.simulator.view().resolution_px[0];
     let pixel = |(at, slope): (usize, [f64; 2])| {
         let rest = std::array::from_fn(|k| f64::from(plan.simulator.background().rgb[3 * at + k]) / 255.0);
-        brightness(slope, inner[at], &plan.job().sensor, constants, rest).map(|value| 255.0 * value)
+        let place = place_in_view(plan.simulator.view(), [at % width, at / width]);
+        brightness(place, slope, inner[at], &plan.job().sensor, constants, rest).map(|value| 255.0 * value)
     };
     slopes_of(surface, plan.simulator.view()).into_iter().enumerate().flat_map(pixel).collect()
+}
+
+/// Where a pixel's centre lies along the sides of the view, -1 to 1.
+pub fn place_in_view(view: &View, pixel: [usize; 2]) -> [f64; 2] {
+    std::array::from_fn(|k| 2.0 * (pixel[k] as f64 + 0.5) / view.resolution_px[k] as f64 - 1.0)
 }
 
 fn surface_in_view(surface: &Grid<f64>) -> Vec<f64> {

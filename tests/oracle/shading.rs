@@ -20,8 +20,8 @@ pub fn phong(slope: [f64; 2], led: &Led, constants: &Phong) -> f64 {
     constants.diffuse * along.max(0.0) + constants.specular * mirrored.max(0.0).powf(constants.shininess)
 }
 
-/// What the sensor's residual adds to a channel for a surface of this slope and displacement.
-fn unexplained(slope: [f64; 2], displacement: f64, sensor: &Sensor, channel: usize) -> f64 {
+/// What the sensor's residual adds to a channel for a surface of this slope and displacement at a place of the view, -1 to 1.
+fn unexplained(slope: [f64; 2], displacement: f64, sensor: &Sensor, channel: usize, place: [f64; 2]) -> f64 {
     let Some(residual) = sensor.light_residual.as_deref() else { return 0.0 };
     let length = (slope[0] * slope[0] + slope[1] * slope[1] + 1.0).sqrt();
     let [mut x, mut y] = slope.map(|s| -s / length);
@@ -30,14 +30,32 @@ fn unexplained(slope: [f64; 2], displacement: f64, sensor: &Sensor, channel: usi
         (x, y) = (x * residual.steepest / steep, y * residual.steepest / steep);
     }
     let w = displacement.clamp(residual.heights_mm[0], residual.heights_mm[1]);
-    let c = [&residual.red, &residual.green, &residual.blue][channel];
-    let slopes = c[0] * y + c[1] * x + c[2] * y * y + c[3] * x * y + c[4] * x * x;
-    let bends = c[5] * y * y * y + c[6] * x * y * y + c[7] * x * x * y + c[8] * x * x * x;
-    slopes + bends + c[9] * w + c[10] * w * y + c[11] * w * x
+    let dozens = [&residual.red, &residual.green, &residual.blue][channel].chunks(12);
+    let of_dozen = |c: &[f64]| {
+        let slopes = c[0] * y + c[1] * x + c[2] * y * y + c[3] * x * y + c[4] * x * x;
+        let bends = c[5] * y * y * y + c[6] * x * y * y + c[7] * x * x * y + c[8] * x * x * x;
+        slopes + bends + c[9] * w + c[10] * w * y + c[11] * w * x
+    };
+    dozens.zip([1.0, place[0], place[1]]).map(|(c, factor)| factor * of_dozen(c)).sum()
 }
 
-/// What the method gives for a place on the pad, 1 = full scale.
-pub fn brightness(slope: [f64; 2], displacement: f64, sensor: &Sensor, constants: &Phong, rest: [f64; 3]) -> [f64; 3] {
+/// The factor on a channel of an LED's light at a place of the view, -1 to 1.
+fn factor_at(led: &Led, channel: usize, [x, y]: [f64; 2]) -> f64 {
+    let Some(pattern) = &led.pattern else { return 1.0 };
+    let terms = [&pattern.red, &pattern.green, &pattern.blue][channel];
+    let sum: f64 = terms.iter().zip([1.0, x, y, x * x, x * y, y * y]).map(|(c, power)| c * power).sum();
+    sum.max(0.0)
+}
+
+/// What the method gives for a place of the view, -1 to 1 along each side; 1 = full scale.
+pub fn brightness(
+    place: [f64; 2],
+    slope: [f64; 2],
+    displacement: f64,
+    sensor: &Sensor,
+    constants: &Phong,
+    rest: [f64; 3],
+) -> [f64; 3] {
     let kept = 1.0 - constants.darkening.unwrap_or(sensor.darkening) * displacement / sensor.gelpad_thickness_mm;
     std::array::from_fn(|k| {
         let gain = |led: &Led| {
@@ -45,10 +63,10 @@ pub fn brightness(slope: [f64; 2], displacement: f64, sensor: &Sensor, constants
                 Equation::Relative => phong([0.0, 0.0], led, constants),
                 Equation::Literal => 0.0,
             };
-            (phong(slope, led, constants) - flat) * led.color[k] * led.intensity
+            (phong(slope, led, constants) - flat) * led.color[k] * led.intensity * factor_at(led, k, place)
         };
         let scale = sensor.stray_light.map_or(1.0, |stray| (rest[k] - stray[k]).max(0.0));
-        let added = sensor.led.iter().map(gain).sum::<f64>() + unexplained(slope, displacement, sensor, k);
+        let added = sensor.led.iter().map(gain).sum::<f64>() + unexplained(slope, displacement, sensor, k, place);
         (constants.ambient * rest[k] + scale * added) * kept
     })
 }

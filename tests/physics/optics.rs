@@ -7,6 +7,7 @@ use gelsim_core::depth::Depth;
 use gelsim_core::gelpad::mean_blur::MeanBlur;
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_core::optics::led::Led;
+use gelsim_core::optics::light_pattern::LightPattern;
 use gelsim_core::optics::phong::{Equation, Phong};
 use gelsim_core::optics::residual::LightResidual;
 use gelsim_files::png;
@@ -17,6 +18,7 @@ use super::support::{
     camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor, shade,
 };
 use crate::is_flat;
+use crate::oracle::pipeline_f64::place_in_view;
 use crate::oracle::shading::{brightness, phong};
 use crate::plan::plan;
 use crate::shapes::Random;
@@ -24,13 +26,19 @@ use crate::shapes::Random;
 const PAPERS_LEDS: [(f64, f64); 4] = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
 
 /// Every term, and limits that steep planes and deep places exceed.
-const RESIDUAL: LightResidual = LightResidual {
-    steepest: 0.4,
-    heights_mm: [-0.1, 1.55],
-    red: [0.25, -0.5, 0.5, 0.25, -0.25, 0.5, 0.25, -0.5, 0.25, 0.125, -0.25, 0.5],
-    green: [0.5, 0.25, -0.5, 0.125, 0.5, -0.25, 0.5, 0.25, -0.25, -0.125, 0.5, -0.25],
-    blue: [0.25, 0.5, 0.25, -0.5, 0.25, 0.125, -0.5, 0.5, 0.5, 0.25, 0.25, 0.25],
-};
+fn residual() -> LightResidual {
+    let red = [0.25, -0.5, 0.5, 0.25, -0.25, 0.5, 0.25, -0.5, 0.25, 0.125, -0.25, 0.5];
+    let green = [0.5, 0.25, -0.5, 0.125, 0.5, -0.25, 0.5, 0.25, -0.25, -0.125, 0.5, -0.25];
+    let blue = [0.25, 0.5, 0.25, -0.5, 0.25, 0.125, -0.5, 0.5, 0.5, 0.25, 0.25, 0.25];
+    // Green alone varies over the pad.
+    let green = [green, blue, red].concat();
+    LightResidual { steepest: 0.4, heights_mm: [-0.1, 1.55], red: red.to_vec(), green, blue: blue.to_vec() }
+}
+
+/// Even, linear and quadratic light; the quadratic one would be below 0 in a corner.
+fn pattern() -> LightPattern {
+    LightPattern { red: vec![0.75], green: vec![1.0, 0.25, -0.5], blue: vec![0.5, 0.25, 0.5, -0.25, 0.125, 0.25] }
+}
 
 fn without_darkening() -> Phong {
     Phong { darkening: Some(0.0), ..Phong::default() }
@@ -62,15 +70,17 @@ fn a_tilted_plane_under_one_led_has_the_closed_forms_brightness() {
         {
             for (k, (towards_x, towards_y)) in sideways.into_iter().enumerate() {
                 // The third channel's stray light is more than all that the background has.
-                for (darkening, stray_light, residual) in [
-                    (0.0, None, None),
-                    (0.35, None, Some(RESIDUAL)),
-                    (0.0, Some([0.1, 0.0, 0.5]), None),
-                    (0.0, Some([0.1, 0.0, 0.5]), Some(RESIDUAL)),
+                for (darkening, stray_light, residual, pattern) in [
+                    (0.0, None, None, None),
+                    (0.35, None, Some(residual()), None),
+                    (0.35, None, None, Some(pattern())),
+                    (0.0, Some([0.1, 0.0, 0.5]), None, Some(pattern())),
+                    (0.0, Some([0.1, 0.0, 0.5]), Some(residual()), Some(pattern())),
                 ] {
                     let mut light = led(45.0 * k as f64, elevation);
                     light.color = [1.0, 0.5, 0.125];
                     light.intensity = 0.75;
+                    light.pattern = pattern.map(Box::new);
                     let mut sensor = sensor([12, 9], 1.0 / 32.0, vec![light]);
                     sensor.stray_light = stray_light;
                     sensor.light_residual = residual.map(Box::new);
@@ -84,7 +94,8 @@ fn a_tilted_plane_under_one_led_has_the_closed_forms_brightness() {
                         let found = shade(constants, &sensor, &contact_of(&camera, surface), &rest);
                         let expected = |x: usize, y: usize| {
                             let displacement = surface(position(&camera, x as f64, y as f64));
-                            brightness(slope, displacement, &sensor, &constants, [0.4; 3])
+                            let place = place_in_view(&camera, [x, y]);
+                            brightness(place, slope, displacement, &sensor, &constants, [0.4; 3])
                         };
                         let error = error(&found, &rest, expected);
                         assert!(
@@ -282,7 +293,7 @@ fn the_literal_equation_adds_the_flat_pads_own_light_to_the_background() {
     let constants = Phong { equation: Equation::Literal, ..Phong::default() };
     for (found, rest) in sample.impression.image.rgb.chunks(3).zip(plan.simulator.background().rgb.chunks(3)) {
         let rest = std::array::from_fn(|k| f64::from(rest[k]) / 255.0);
-        let expected = brightness([0.0, 0.0], 0.0, &plan.job().sensor, &constants, rest);
+        let expected = brightness([0.0; 2], [0.0; 2], 0.0, &plan.job().sensor, &constants, rest);
         for (found, expected) in found.iter().zip(expected) {
             let level = (expected * 255.0).clamp(0.0, 255.0);
             assert!((f64::from(*found) - level).abs() <= 0.5 + 1e-3, "{found} for {level}");

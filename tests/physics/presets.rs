@@ -106,8 +106,8 @@ fn each_colour_brightens_on_its_side_of_a_ball_and_as_strongly_as_on_real_sensor
         assert!((contact_mm / contact_radius_mm - 1.0).abs() < 0.1, "{preset}: contact of {contact_mm} mm");
         for ((direction, strength), (expected, expected_strength)) in found.into_iter().zip(channels) {
             let turned = (direction - expected + 180.0).rem_euclid(360.0) - 180.0;
-            assert!(turned.abs() < 25.0, "{preset}: {found:?} for {channels:?}");
-            assert!((0.6..1.6).contains(&(strength / expected_strength)), "{preset}: {found:?} for {channels:?}");
+            assert!(turned.abs() < 6.0, "{preset}: {found:?} for {channels:?}");
+            assert!((0.75..1.35).contains(&(strength / expected_strength)), "{preset}: {found:?} for {channels:?}");
         }
     }
 }

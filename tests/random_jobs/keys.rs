@@ -44,11 +44,13 @@ pub const GELPADS: &[(u32, &str)] = &[
 pub const LED: [&str; 3] = [
     "{ azimuth_deg = <0.0|45.0|120.0|200.0|270.0>, elevation_deg = <0.0|3.0|12.0|30.0|60.0|90.0>, \
      angular_size_deg = <[0.0, 0.0]|[2.0, 5.0]|[40.0, 10.0]|[90.0, 50.0]>, distance_mm = <6.0|20.0|200.0>, lobe = <0.0|1.0>, \
-     color = <[1.0, 0.0, 0.0]|[0.0, 1.0, 0.0]|[0.0, 0.0, 1.0]|[1.0, 0.9, 0.8]>, intensity = <0.05|0.5|1.0|3.0> }",
+     color = <[1.0, 0.0, 0.0]|[0.0, 1.0, 0.0]|[0.0, 0.0, 1.0]|[1.0, 0.9, 0.8]>, intensity = <0.05|0.5|1.0|3.0>\
+     <|||, pattern = { red = [0.5, 0.5, -0.75], blue = [0.5, 0.0, 0.0, -1.0, 0.5, 0.5] }> }",
     "{ azimuth_deg = <-360..360>, elevation_deg = <0..90>, color = [<0..1>, <0..1>, <0..1>], intensity = <~0..100> }",
     "{ azimuth_deg = <0.0|90.0|123.0|-3600.0>, elevation_deg = <0.0|1e-9|8.5|45.0|90.0>, \
      angular_size_deg = <[0.0, 0.0]|[40.0, 10.0]|[90.0, 90.0]>, distance_mm = <0.01|1.0|20.0|1e6>, \
-     intensity = <0.0|1.0|100.0> }",
+     intensity = <0.0|1.0|100.0>\
+     <||, pattern = { red = [0.0], green = [100.0, -100.0, 100.0], blue = [-100.0, 100.0, -100.0, 100.0, -100.0, 100.0] }> }",
 ];
 
 pub const OBJECT: [&str; 2] = [
@@ -57,7 +59,8 @@ pub const OBJECT: [&str; 2] = [
     "{ path = 'objects/<cube|cone|cub?>.obj', unit = '<mm|cm|m|in>', weight = <1e-6..1e9> }",
 ];
 
-const RESIDUAL: &str = "{ steepest = 0.5, heights_mm = [-0.1, 0.8], red = [1, 0, 0, 2, 0, 0, 0, -2, 0, 0.3, 0, 1], \
+const RESIDUAL: &str = "{ steepest = 0.5, heights_mm = [-0.1, 0.8], red = [1, 0, 0, 2, 0, 0, 0, -2, 0, 0.3, 0, 1, \
+                        0, 0.5, 0, 0, -1, 0, 0, 0, 0, 0.1, 0, 0, -0.5, 0, 0, 0, 1, 0, 0, 0, 0, -0.1, 0, 0.5], \
                         green = [0, -0.5, 1, 0, 0, 0, 1, 0, 0, -0.1, 1, 0], blue = [0,0,0,0,0,0,0,0,0,0,0,0] }";
 /// Coefficients at the ends of their range.
 const RESIDUAL_ENDS: &[&str] = &[

@@ -35,7 +35,7 @@ fn sessions(folder: &Path) -> Vec<(String, Session)> {
 
 /// All that is said of a session before a fit: errors, and notes in brackets.
 fn messages_before_a_fit(session: &Session) -> Vec<String> {
-    let all = [scale::judge_scale(session, None), judge::judge_images(session)].concat();
+    let all = [scale::judge_scale(session, None, None), judge::judge_images(session)].concat();
     all.iter().map(|found| format!("{}: {}", found.severity.name(), found.full_message())).collect()
 }
 
@@ -149,7 +149,7 @@ fn real_presses_are_not_spoken_against_and_each_mistake_in_them_is_named() {
         "set                  disc/ball  differs  left  left/change  rearranged  factors             common  held  80 %"
     );
     for (name, session) in &sessions {
-        let sizes = SessionSizes::from_session(session);
+        let sizes = SessionSizes::from_session(session, None);
         let found = background::compare_background(session).expect("enough of the pad is away from the discs");
         let [red, green, blue] = found.factors;
         let [held, holding] = circles::circle_statistics(session);

@@ -61,7 +61,11 @@ fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
     });
     let most = (0..3)
         .map(|k| {
-            let one = |led: &Led| led.color[k] * led.intensity * strongest(plan, led, heights);
+            let one = |led: &Led| {
+                let terms = led.pattern.as_deref().map_or(&[1.0][..], |pattern| &pattern.channels()[k][..]);
+                let factor: f64 = terms.iter().map(|term| term.abs()).sum();
+                factor * led.color[k] * led.intensity * strongest(plan, led, heights)
+            };
             plan.job().sensor.led.iter().map(one).sum::<f64>() * (phong.diffuse + phong.specular) + residual[k]
         })
         .fold(0.0, f64::max);

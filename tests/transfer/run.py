@@ -96,7 +96,8 @@ def transfer(given, folder, preset, work, pool):
     calibrated = f'file = "{sensor}"'
     rows = []
     if preset:
-        own = f'preset = "{preset}"\nresolution_px = {list(real.size)}\nfield_of_view_mm = {view}\n'
+        kind = "file" if preset.endswith(".toml") else "preset"
+        own = f'{kind} = "{preset}"\nresolution_px = {list(real.size)}\nfield_of_view_mm = {view}\n'
         photo = own + f'background = "{real.background_file}"\n'
         rows += [
             (f"preset {preset}", None, images(own)),
@@ -181,7 +182,7 @@ def main():
     parser.add_argument("gelsim", type=lambda name: Path(name).resolve())
     parser.add_argument("--real", type=Path, help="folder with presses.csv, or with a folder for each --set")
     parser.add_argument("--set", nargs="+", help="folders in it; else those of docs/evidence/transfer.md that are there")
-    parser.add_argument("--preset", help="the preset of the sensor, where its name is not one of docs/evidence/transfer.md")
+    parser.add_argument("--preset", help="the preset of the sensor, or a sensor file, where its name is not one of docs/evidence/transfer.md")
     parser.add_argument("--contact-over-disc", type=float, help="where it is known better than `gelsim calibrate` finds it")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--samples", type=int, default=300, help="simulated images for each network")

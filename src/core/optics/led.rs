@@ -1,5 +1,6 @@
 //! One LED, and its light from infinity. What it sends from its distance is in [`super::near_light`].
 
+use super::light_pattern::{LightColor, LightPattern};
 use super::shadow::ShadowCaster;
 use crate::base::angle::sin_cos_deg;
 use serde::{Deserialize, Serialize};
@@ -37,6 +38,9 @@ pub struct Led {
     pub color: [f64; 3],
     /// Brightness that a surface facing the LED gains, as a share of full scale before k_d and k_s; 0 or more.
     pub intensity: f64,
+    /// How its light varies over a flat pad, as a factor on its colour. Without it a distant LED shines alike everywhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pattern: Option<Box<LightPattern>>,
 }
 
 impl Default for Led {
@@ -54,6 +58,7 @@ impl Default for Led {
             lobe: 0.0,
             color: [1.0; 3],
             intensity: 1.0,
+            pattern: None,
         }
     }
 }
@@ -96,10 +101,10 @@ impl Led {
 }
 
 /// An LED at infinity in the shader's numbers.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct PlacedLed {
     /// Colour times intensity.
-    pub color: [f32; 3],
+    pub(crate) color: LightColor,
     /// Unit vector to the LED.
     to_led: [f32; 3],
     /// Width and height under which the pad sees it, degrees.
@@ -131,7 +136,7 @@ impl PlacedLed {
     pub fn new(led: &Led) -> Self {
         Self {
             to_led: led.place().direction.map(|v| v as f32),
-            color: led.color.map(|share| (share * led.intensity) as f32),
+            color: LightColor::new(led.color, led.intensity, led.pattern.as_deref()),
             angular_size_deg: led.angular_size_deg,
         }
     }

@@ -10,6 +10,7 @@ use super::Illumination;
 use super::background::BackgroundImage;
 use super::coarse::{CoarseGrid, CoarseValues};
 use super::led::PlacedLed;
+use super::light_pattern::LightColor;
 use super::near_light::bounce::hidden_sky;
 use super::near_light::field::LightField;
 use super::near_light::{Hidden, NearLights, Needs};
@@ -36,6 +37,8 @@ pub struct LedShader {
     pub(super) stray_light: Option<[f32; 3]>,
     /// Light that the LEDs leave unexplained.
     pub(super) residual: Option<residual::PreparedResidual>,
+    /// Whether the light of an LED, or what they leave unexplained, varies over the view by a polynomial of the place.
+    light_varies: bool,
     pub(super) view: View,
 }
 
@@ -57,10 +60,10 @@ impl Lights {
     }
 
     /// Returns colour times intensity of an LED.
-    pub fn color(&self, number: usize) -> [f32; 3] {
+    pub fn color(&self, number: usize) -> &LightColor {
         match self {
-            Self::Distant(leds) => leds[number].color,
-            Self::Near(near) => near.leds[number].color,
+            Self::Distant(leds) => &leds[number].color,
+            Self::Near(near) => &near.leds[number].color,
         }
     }
 }
@@ -123,6 +126,8 @@ impl LedShader {
             relief: None,
             darkening_per_mm: light.darkening_per_mm(&phong) as f32,
             residual: light.residual.map(LightResidual::prepare),
+            light_varies: light.leds.iter().any(|led| led.pattern.is_some())
+                || light.residual.is_some_and(LightResidual::varies),
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
         };

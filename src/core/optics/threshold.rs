@@ -83,13 +83,13 @@ impl LightBound {
     pub fn of_distant_led(led: &PlacedLed) -> Self {
         let [x, y, z] = led.direction().map(f64::from);
         let elevation = libm::atan2(-z, libm::hypot(x, y));
-        Self { color: led.color, strength: 1.0, elevation, per_mm: 0.0, nearer_mm: f64::INFINITY }
+        Self { color: led.color.most(), strength: 1.0, elevation, per_mm: 0.0, nearer_mm: f64::INFINITY }
     }
 
     /// Returns the bounds of the points of near LEDs.
     pub fn of_near_lights(lights: &NearLights, phong: &Phong, pad: PadExtent) -> Vec<Self> {
         let of_led = |led: &NearLed| {
-            let color = led.color;
+            let color = led.color.most();
             led.points.iter().map(move |point| Self::of_point(point, color, lights, phong, pad)).collect::<Vec<_>>()
         };
         lights.leds.iter().flat_map(of_led).collect()

@@ -6,6 +6,7 @@ use super::Sensor;
 use super::quantity::Quantity;
 use gelsim_core::optics::background::Pattern;
 use gelsim_core::optics::led::Led;
+use gelsim_core::optics::light_pattern::LightPattern;
 
 /// What of a sensor is drawn anew for each sample.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -64,7 +65,7 @@ impl Sensor {
             }
         }
         for (i, led) in self.led.iter_mut().enumerate() {
-            let Led { azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity, .. } = led;
+            let Led { azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity, pattern, .. } = led;
             for (key, number) in [
                 ("azimuth_deg", azimuth_deg),
                 ("elevation_deg", elevation_deg),
@@ -75,6 +76,12 @@ impl Sensor {
             }
             push_elements(&mut numbers, &format!("led.{i}.angular_size_deg"), angular_size_deg);
             push_elements(&mut numbers, &format!("led.{i}.color"), color);
+            if let Some(pattern) = pattern.as_deref_mut() {
+                let LightPattern { red, green, blue } = pattern;
+                for (channel, coefficients) in [("red", red), ("green", green), ("blue", blue)] {
+                    push_elements(&mut numbers, &format!("led.{i}.pattern.{channel}"), coefficients);
+                }
+            }
         }
         numbers
     }
@@ -82,7 +89,10 @@ impl Sensor {
     /// Makes a sensor with `leds` LEDs that has every number of [`Sensor::numbers_mut`].
     pub fn with_every_number(leds: usize) -> Self {
         let pattern = Pattern { red: [0.0; 15], green: [0.0; 15], blue: [0.0; 15] };
-        let mut sensor = Self { stray_light: Some([0.0; 3]), led: vec![Led::default(); leds], ..Self::default() };
+        let coefficients = || vec![1.0, 0.0, 0.0];
+        let light = LightPattern { red: coefficients(), green: coefficients(), blue: coefficients() };
+        let led = Led { pattern: Some(Box::new(light)), ..Led::default() };
+        let mut sensor = Self { stray_light: Some([0.0; 3]), led: vec![led; leds], ..Self::default() };
         sensor.rendered_background.pattern = Some(Box::new(pattern));
         sensor
     }

@@ -23,6 +23,8 @@ pub struct UnitVariation {
     /// Brightness of each LED, as a fraction of it. Not used if `stray_light` makes the LEDs' light follow that of a
     /// rendered background.
     pub led_intensity: f64,
+    /// Each coefficient of an LED's pattern but the first.
+    pub led_pattern: f64,
     /// Direction of each LED, degrees.
     pub led_azimuth_deg: f64,
     /// Elevation of each LED, degrees.
@@ -43,6 +45,7 @@ impl Default for UnitVariation {
         Self {
             variation: 0.0,
             led_intensity: 0.2,
+            led_pattern: 0.1,
             led_azimuth_deg: 3.0,
             led_elevation_deg: 3.0,
             background_color: [0.2; 3],
@@ -141,6 +144,15 @@ impl Sensor {
             for (key, deviation) in [("azimuth_deg", unit.led_azimuth_deg), ("elevation_deg", unit.led_elevation_deg)] {
                 let path = format!("led.{i}.{key}");
                 add(&path, Correlation::Common, vec![(path.clone(), deviation)], false);
+            }
+        }
+        for (i, led) in self.led.iter().enumerate() {
+            let Some(pattern) = &led.pattern else { continue };
+            for (channel, coefficients) in ["red", "green", "blue"].into_iter().zip(pattern.channels()) {
+                for k in 1..coefficients.len() {
+                    let path = format!("led.{i}.pattern.{channel}.{k}");
+                    add(&path, Correlation::Common, vec![(path.clone(), unit.led_pattern)], false);
+                }
             }
         }
         if rendered {

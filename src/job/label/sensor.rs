@@ -7,7 +7,7 @@ use crate::plan::Plan;
 use crate::scene::Scene;
 use gelsim_core::base::view::View;
 use gelsim_core::optics::led::Led;
-use gelsim_core::optics::near_light::window::Window;
+use gelsim_core::optics::light_pattern::MOST_TERMS;
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 
@@ -35,11 +35,12 @@ pub struct SensorLabel {
     pub stray_light: Vec<f64>,
     /// The LEDs, in the order of the sensor.
     pub leds: Vec<LedLabel>,
-    /// The window in which the pad sees the LEDs a second time; left out if there is none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub window: Option<Window>,
+    /// Distance of the window, mm, in which the pad sees the LEDs a second time, and its refractive index; empty if
+    /// there is none.
+    #[serde(default)]
+    pub window: Vec<f64>,
     /// Share of the light that the coat scatters.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default)]
     pub albedo: f64,
     /// The image of the untouched pad.
     pub background: BackgroundLabel,
@@ -59,18 +60,22 @@ pub struct LedLabel {
     /// Distance from the middle of the image, mm.
     pub distance_mm: f64,
     /// Where it is, mm; empty if azimuth, elevation and distance say it.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default)]
     pub position_mm: Vec<f64>,
     /// Width and height, mm; empty if they follow from `angular_size_deg`.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default)]
     pub size_mm: Vec<f64>,
     /// Exponent of the cosine with which its light falls off about the direction to the middle of the image.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default)]
     pub lobe: f64,
     /// Red, green and blue of its light.
     pub color: [f64; 3],
     /// Brightness.
     pub intensity: f64,
+    /// Factors on the colour over the pad: six coefficients of red, then of green, then of blue; empty if there are
+    /// none.
+    #[serde(default)]
+    pub pattern: Vec<f64>,
 }
 
 /// The image of the untouched pad: a file, or the numbers from which it is rendered.
@@ -116,7 +121,7 @@ impl SensorLabel {
             darkening: sensor.darkening,
             stray_light: sensor.stray_light.iter().flatten().copied().collect(),
             leds: sensor.leds.iter().map(LedLabel::new).collect(),
-            window: sensor.window,
+            window: sensor.window.map_or_else(Vec::new, |own| vec![own.distance_mm, own.refractive_index]),
             albedo: sensor.coat.albedo,
             background: BackgroundLabel::from_scene(plan, scene, sensor),
         }
@@ -137,13 +142,12 @@ impl LedLabel {
             lobe: led.lobe,
             color: led.color,
             intensity: led.intensity,
+            pattern: led.pattern.as_deref().map_or_else(Vec::new, |pattern| {
+                let padded = |terms: &Vec<f64>| (0..MOST_TERMS).map(|k| terms.get(k).copied().unwrap_or(0.0)).collect();
+                pattern.channels().into_iter().map(padded).collect::<Vec<Vec<f64>>>().concat()
+            }),
         }
     }
-}
-
-/// Returns true for 0, which labels leave out.
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 impl BackgroundLabel {

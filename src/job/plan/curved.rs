@@ -90,7 +90,9 @@ pub fn check_curved_sensor(check: &mut JobChecker<'_>, sensor: &Sensor) {
         }
     }
     for (number, led) in sensor.led.iter().enumerate() {
-        for (key, is_set) in [("size_mm", led.size_mm.is_some()), ("lobe", led.lobe != 0.0)] {
+        let flat_pads_alone =
+            [("size_mm", led.size_mm.is_some()), ("lobe", led.lobe != 0.0), ("pattern", led.pattern.is_some())];
+        for (key, is_set) in flat_pads_alone {
             if has("shape") && is_set {
                 let message = format!("`{key}` does not go with a gel that has a shape");
                 check.report_error(&format!("sensor.led.{number}.{key}"), message, format!("leave `{key}` out"));

@@ -14,7 +14,7 @@ use gelsim_core::camera::noise::MAX_CORRELATION;
 use gelsim_core::fidelity::Models;
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::optics::calibrated::Calibrated;
-use gelsim_core::optics::lamps;
+use gelsim_core::optics::{lamps, light_pattern, residual};
 use gelsim_core::{gelpad, optics};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::number_format::{format_number, round_bound};
@@ -143,11 +143,8 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
             let allowed = if k == 0 { -100.0..=0.0 } else { 0.0..=100.0 };
             check.require_in_range(&format!("sensor.light_residual.heights_mm.{k}"), *mm, allowed, "");
         }
-        for (channel, terms) in [("red", &residual.red), ("green", &residual.green), ("blue", &residual.blue)] {
-            for (k, term) in terms.iter().enumerate() {
-                check.require_in_range(&format!("sensor.light_residual.{channel}.{k}"), *term, -100.0..=100.0, "");
-            }
-        }
+        let counts = &residual::TERM_COUNTS;
+        check_coefficients(check, "sensor.light_residual", residual.channels(), counts);
     }
     let look = &sensor.rendered_background;
     if let Some(pattern) = &look.pattern {
@@ -207,6 +204,9 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
         for k in 0..3 {
             check.require_in_range(&path(&format!("color.{k}")), led.color[k], 0.0..=1.0, "");
         }
+        if let Some(pattern) = &led.pattern {
+            check_coefficients(check, &path("pattern"), pattern.channels(), &light_pattern::TERM_COUNTS);
+        }
     }
     if let Some(window) = &sensor.window {
         check.require_in_range("sensor.window.distance_mm", window.distance_mm, 1e-2..=1e3, "mm");
@@ -250,6 +250,22 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
     }
 }
 
+/// Checks how many coefficients each channel has, and their range.
+fn check_coefficients(check: &mut JobChecker<'_>, path: &str, channels: [&Vec<f64>; 3], counts: &[usize]) {
+    for (name, terms) in ["red", "green", "blue"].into_iter().zip(channels) {
+        let path = format!("{path}.{name}");
+        if !counts.contains(&terms.len()) {
+            let allowed: Vec<String> = counts.iter().map(usize::to_string).collect();
+            let [first @ .., last] = allowed.as_slice() else { continue };
+            let message = format!("{} coefficients", terms.len());
+            check.report_error(&path, message, format!("write {} or {last} of them", first.join(", ")));
+        }
+        for (k, term) in terms.iter().enumerate() {
+            check.require_in_range(&format!("{path}.{k}"), *term, -100.0..=100.0, "");
+        }
+    }
+}
+
 /// Checks `[sensor.unit]`, and that the numbers of no unit can be out of range.
 fn check_unit_variation(check: &mut JobChecker<'_>, job: &Job, unit: &UnitVariation) {
     let mut share = |key: &str, value: f64, most: f64| {
@@ -262,6 +278,7 @@ fn check_unit_variation(check: &mut JobChecker<'_>, job: &Job, unit: &UnitVariat
     for (k, value) in unit.background_color.iter().enumerate() {
         share(&format!("background_color.{k}"), *value, 0.49);
     }
+    share("led_pattern", unit.led_pattern, 10.0);
     share("led_azimuth_deg", unit.led_azimuth_deg, 90.0);
     share("led_elevation_deg", unit.led_elevation_deg, 45.0);
     if let Some(pattern) = &unit.background_pattern {

@@ -104,7 +104,7 @@ pub fn evaluate_presses(table: &Path, sensor: &Sensor, options: EvaluationOption
     let session = to_observations(&table, &circles, images, untouched, &simulator);
     let as_warning = |found: Diagnostic| Diagnostic { severity: Severity::Warning, ..found };
     let mut findings = Findings::default();
-    findings.extend(scale::judge_scale(&session, None));
+    findings.extend(scale::judge_scale(&session, options.contact_over_disc.or(calibrated), None));
     if is_photograph {
         let circles = circles::judge_circles(&session);
         // Images of another unit of the sensor are allowed here: warn, but go on.

@@ -40,14 +40,17 @@ impl CalibrationExtrapolation {
     pub fn validate(&self) -> Result<(), String> {
         let sound = |led: &Led| {
             let within = (0.0..=90.0).contains(&led.elevation_deg) && (0.0..=1e6).contains(&led.intensity);
-            within && led.azimuth_deg.abs() <= 1e6 && led.color.iter().all(|share| (0.0..=1.0).contains(share))
+            within
+                && led.pattern.is_none()
+                && led.azimuth_deg.abs() <= 1e6
+                && led.color.iter().all(|share| (0.0..=1.0).contains(share))
         };
         let shares = self.stray_light.iter().all(|share| (0.0..=1.0).contains(share));
         let slopes = self.per_mm.iter().all(|slope| slope.abs() <= 1e3);
         if self.leds.len() > MAX_LEDS || !self.leds.iter().all(sound) || !shares || !slopes {
             return Err(format!(
-                "`beyond` has at most {MAX_LEDS} LEDs, with elevations of 0 to 90 degrees and colours of 0 to 1, stray light \
-                 of 0 to 1, and changes with the displacement within 1000 per mm"
+                "`beyond` has at most {MAX_LEDS} LEDs, without a pattern, with elevations of 0 to 90 degrees and colours of \
+                 0 to 1, stray light of 0 to 1, and changes with the displacement within 1000 per mm"
             ));
         }
         Ok(())
@@ -342,7 +345,7 @@ impl PreparedExtrapolation {
                     *gain *= led.visible_share(*share);
                 }
             }
-            for (added, color) in added.iter_mut().zip(led.placed.color) {
+            for (added, color) in added.iter_mut().zip(led.placed.color.even) {
                 for (added, gain) in added.iter_mut().zip(&*gain) {
                     *added += gain * color;
                 }

@@ -11,6 +11,7 @@ use super::{LedShader, Lights, RestReflection};
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::CoarseValues;
 use crate::optics::led::Normals;
+use crate::optics::light_pattern::{along_row, place_along};
 use crate::optics::near_light::field::{LightField, LightVectors};
 use crate::optics::normals::fill_row_normals;
 use crate::optics::phong::{WithPower, run_with_power};
@@ -57,6 +58,7 @@ pub(super) fn compute_rest_residual(shader: &LedShader, shape: &Grid<f32>) -> Op
     let residual = shader.residual.as_ref()?;
     let [width, height] = shader.view.resolution_px;
     let (mut normals, mut planes, no_displacement) = (Normals::default(), Planes::default(), vec![0.0; width]);
+    let columns: Vec<f32> = (0..width).map(|x| place_along(width, x)).collect();
     residual::reset_planes(&mut planes, width * height);
     for y in 0..height {
         let part = Rect { x0: 0, y0: y, x1: width, y1: y + 1 };
@@ -65,7 +67,7 @@ pub(super) fn compute_rest_residual(shader: &LedShader, shape: &Grid<f32>) -> Op
             || {
                 fill_row_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
                 let row = residual::slice_planes(&mut planes, y * width..(y + 1) * width);
-                residual.add_row(&normals, &no_displacement, 1.0, row);
+                residual.along_row(place_along(height, y)).add(&normals, &no_displacement, &columns, row);
             },
         );
     }
@@ -148,6 +150,8 @@ struct RowScratch {
     /// Values on a coarser grid.
     line: Vec<f32>,
     led: LedRow,
+    /// Where the pixels are, -1 to 1 over the view; empty if nothing asks for it.
+    columns: Vec<f32>,
 }
 
 /// An LED's light along a row.
@@ -192,6 +196,8 @@ struct SubpixelScratch {
     led: LedRow,
     /// Displacement of their pixels, mm.
     displacement_mm: Vec<f32>,
+    /// Where their pixels are; empty if nothing asks for it.
+    columns: Vec<f32>,
     /// Light of an LED at each sample, and that of the residual.
     gain: Vec<f32>,
     residual: Planes,
@@ -269,7 +275,7 @@ fn shade_row(
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
     let heights_mm = row_heights(lit.displacement, region, row);
-    let RowScratch { added, normals, gain, residual, subpixel, share, line, led: led_row } = rows;
+    let RowScratch { added, normals, gain, residual, subpixel, share, line, led: led_row, columns } = rows;
     let pixels = lit.subpixel.map_or(&[][..], |subpixel| subpixel.row(y));
     subpixel.fill_samples(lit, pixels, region, y, heights_mm);
     fill_row_normals(shader.view.mm_per_px, lit.shape, region, row, normals);
@@ -293,6 +299,12 @@ fn shade_row(
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
+    let [view_width, view_height] = shader.view.resolution_px;
+    columns.clear();
+    if shader.light_varies {
+        columns.extend((region.x0..region.x1).map(|x| place_along(view_width, x)));
+    }
+    let (columns, place) = (&columns[..], place_along(view_height, y));
     for number in 0..shader.lights.count() {
         let color = shader.lights.color(number);
         led_row.fill(lit.field, number, y, region.x0, width);
@@ -324,11 +336,25 @@ fn shade_row(
                 0.0
             }
         };
-        for x in 0..width {
-            let gain = gain[x] - flat;
-            red[x] += gain * color[0];
-            green[x] += gain * color[1];
-            blue[x] += gain * color[2];
+        match &color.terms {
+            None => {
+                let color = color.even;
+                for x in 0..width {
+                    let gain = gain[x] - flat;
+                    red[x] += gain * color[0];
+                    green[x] += gain * color[1];
+                    blue[x] += gain * color[2];
+                }
+            }
+            Some(terms) => {
+                let [of_red, of_green, of_blue] = terms.each_ref().map(|terms| along_row(terms, place));
+                for (x, at) in columns.iter().enumerate() {
+                    let gain = gain[x] - flat;
+                    red[x] += gain * of_red.at(*at);
+                    green[x] += gain * of_green.at(*at);
+                    blue[x] += gain * of_blue.at(*at);
+                }
+            }
         }
     }
     for (channel, out) in [&mut *red, &mut *green, &mut *blue].into_iter().enumerate() {
@@ -339,15 +365,16 @@ fn shade_row(
     }
     if let Some(prepared) = &shader.residual {
         residual::reset_planes(residual, width);
-        prepared.add_row(normals, heights_mm, 1.0, residual::slice_planes(residual, 0..width));
-        let SubpixelScratch { normals: sample_normals, displacement_mm, residual: samples, .. } = &mut *subpixel;
+        let at_row = prepared.along_row(place);
+        at_row.add(normals, heights_mm, columns, residual::slice_planes(residual, 0..width));
+        let SubpixelScratch { normals: sample_normals, displacement_mm, columns: places, residual: samples, .. } =
+            &mut *subpixel;
         residual::reset_planes(samples, displacement_mm.len());
-        prepared.add_row(
-            sample_normals,
-            displacement_mm,
-            1.0,
-            residual::slice_planes(samples, 0..displacement_mm.len()),
-        );
+        places.clear();
+        if !columns.is_empty() {
+            places.extend(pixels.iter().flat_map(|pixel| [columns[pixel.x as usize - region.x0]; SAMPLES]));
+        }
+        at_row.add(sample_normals, displacement_mm, places, residual::slice_planes(samples, 0..displacement_mm.len()));
         for (channel, (plane, out)) in residual.iter_mut().zip([red, green, blue]).enumerate() {
             average_samples(plane, &samples[channel], pixels, region.x0);
             if let Some(at_rest) = lit.residual_at_rest {

@@ -12,6 +12,7 @@
 
 use super::coarse::CoarseGrid;
 use super::led::{Led, Normals};
+use super::light_pattern::place_along;
 use super::normals::fill_row_normals;
 use super::phong::{Phong, Shadows};
 use super::shadow::SteepestSlopes;
@@ -382,6 +383,8 @@ impl NearLights {
         let mut direct: LightPlanes = std::array::from_fn(|_| vec![0.0; part.area()]);
         let mut normals = Normals::default();
         let [first_x, first_y] = self.first_pixel(part).map(|at| at - SURFACE_BORDER);
+        let [view_width, view_height] = self.view.resolution_px;
+        let place = |[x, y]: [usize; 2]| [place_along(view_width, first_x + x), place_along(view_height, y)];
         for y in 0..part.height() {
             let row = first_y + y * factor;
             let across = Rect { x0: first_x, y0: row, x1: first_x + (width - 1) * factor + 1, y1: row + 1 };
@@ -391,7 +394,7 @@ impl NearLights {
                     let (at, pixel) = (y * width + x, x * factor);
                     let [to_x, to_y, to_z] = vectors.each_ref().map(|plane| plane[at]);
                     let along = normals.x[pixel] * to_x + normals.y[pixel] * to_y + normals.z[pixel] * to_z;
-                    for (plane, color) in direct.iter_mut().zip(led.color) {
+                    for (plane, color) in direct.iter_mut().zip(led.color.at(place([pixel, row]))) {
                         plane[at] += color * along.max(0.0);
                     }
                 }

@@ -2,6 +2,7 @@
 
 use super::window::{ReflectedShares, Window};
 use crate::optics::led::{Led, LedPlace};
+use crate::optics::light_pattern::LightColor;
 
 /// Smallest square of a distance to an LED that counts, mm^2: at an LED that lies in the pad's plane, light would be
 /// infinite and come from nowhere.
@@ -44,7 +45,7 @@ impl LightPoint {
 #[derive(Clone, Debug)]
 pub(crate) struct NearLed {
     /// Colour times intensity.
-    pub color: [f32; 3],
+    pub color: LightColor,
     /// Its points, those behind the window last.
     pub points: Vec<LightPoint>,
 }
@@ -84,14 +85,14 @@ impl NearLed {
             half_height_mm: (0.5 * height_mm) as f32,
             is_mirrored,
         };
-        let color = led.color.map(|share| (share * led.intensity) as f32);
+        let color = LightColor::new(led.color, led.intensity, led.pattern.as_deref());
         let with_images = |places: &[[f64; 3]]| {
             let mut points: Vec<LightPoint> = places.iter().map(|at| point(*at, aim, false)).collect();
             if let Some(window) = window {
                 let image = |[x, y, z]: [f64; 3]| [x, y, -2.0 * window.distance_mm - z];
                 points.extend(places.iter().map(|at| point(image(*at), [aim[0], aim[1], -aim[2]], true)));
             }
-            Self { color, points }
+            Self { color: color.clone(), points }
         };
         let parts = if shows_highlights && count > 1 { 2 } else { 1 };
         places.chunks(places.len() / parts).map(with_images).collect()

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::super::Session;
+use super::super::{Geometry, Session};
 use crate::metrics::statistics::median;
 use gelsim_files::diagnostic::Diagnostic;
 
@@ -52,8 +52,10 @@ pub struct SessionSizes {
 }
 
 impl SessionSizes {
-    /// Returns the sizes of a session.
-    pub fn from_session(session: &Session) -> Self {
+    /// Returns the sizes of a session. If it is known how much of a disc the contact is, the discs are as wide as they
+    /// would be with the usual share.
+    pub fn from_session(session: &Session, contact_over_disc: Option<f64>) -> Self {
+        let share = contact_over_disc.map_or(1.0, |share| share / Geometry::USUAL_CONTACT);
         let presses = &session.observations;
         let middle = |value: &dyn Fn(usize) -> f64| {
             median(&(0..presses.len()).map(value).collect::<Vec<_>>()).unwrap_or(f64::NAN)
@@ -62,7 +64,7 @@ impl SessionSizes {
             longer_px: session.camera.resolution_px.into_iter().max().unwrap_or(1) as f64,
             mm_per_px: session.camera.mm_per_px[0],
             ball_mm: middle(&|k| presses[k].ball_radius_mm),
-            disc_over_ball_per_mm: middle(&|k| presses[k].circle.radius_px / presses[k].ball_radius_mm),
+            disc_over_ball_per_mm: middle(&|k| share * presses[k].circle.radius_px / presses[k].ball_radius_mm),
         }
     }
 
@@ -103,9 +105,14 @@ impl SessionSizes {
     }
 }
 
-/// Checks the sizes of a session; empty if nothing is wrong. `named` is the name of a known sensor and its view, mm.
-pub fn judge_scale(session: &Session, named: Option<(&str, [f64; 2])>) -> Vec<Diagnostic> {
-    let sizes = SessionSizes::from_session(session);
+/// Checks the sizes of a session; empty if nothing is wrong. `contact_over_disc` is how much of a disc the contact is, if
+/// that is given. `named` is the name of a known sensor and its view, mm.
+pub fn judge_scale(
+    session: &Session,
+    contact_over_disc: Option<f64>,
+    named: Option<(&str, [f64; 2])>,
+) -> Vec<Diagnostic> {
+    let sizes = SessionSizes::from_session(session, contact_over_disc);
     let mut found = judge_sizes(&sizes);
     if let Some((name, view_mm)) = named.filter(|_| found.is_empty()) {
         let own = view_mm[0].max(view_mm[1]);
