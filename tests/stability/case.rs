@@ -237,8 +237,9 @@ impl Case {
         }
     }
 
-    /// The plan at every level, and with the models of the pad that no level has.
-    fn variants(&self, plan: &Plan) -> Vec<(&'static str, Plan)> {
+    /// The plan at every level, and with the models of the pad that no level has. Finite strain, a hundred times as slow as the
+    /// others, is tried with everything on alone, unless all is to be tried.
+    fn variants(&self, plan: &Plan, dress: Dress) -> Vec<(&'static str, Plan)> {
         let with = |gelpad| plan.with_models(Models { gelpad, optics: plan.simulator.models().optics.clone() });
         let levels: &[Fidelity] = match self.extent {
             Extent::All => &Fidelity::ALL,
@@ -246,7 +247,11 @@ impl Case {
             Extent::Once => &[Fidelity::Draft],
             Extent::Own => &[],
         };
-        let mut variants: Vec<_> = levels.iter().map(|level| (level.name(), plan.with_fidelity(*level))).collect();
+        let levels = levels.iter().filter(|level| match level {
+            Fidelity::FiniteStrain => matches!(dress, Dress::Noisy) || crate::thorough(),
+            _ => true,
+        });
+        let mut variants: Vec<_> = levels.map(|level| (level.name(), plan.with_fidelity(*level))).collect();
         if self.extent == Extent::Own {
             variants.push(("its own", with(plan.simulator.models().gelpad.clone())));
         }
@@ -274,7 +279,7 @@ impl Case {
                     continue;
                 }
             };
-            for (level, plan) in self.variants(&plan) {
+            for (level, plan) in self.variants(&plan, *dress) {
                 let start = Instant::now();
                 let outcome = catch_unwind(AssertUnwindSafe(|| sound::check(&plan)));
                 match outcome {

@@ -59,12 +59,14 @@ fn a_millionth_more_of_anything_does_not_show() {
     };
     for level in Fidelity::ALL {
         let mut all = Change::default();
+        // Rubber at finite strain takes a hundred times as long.
+        let few = level == Fidelity::FiniteStrain && !crate::thorough();
         for (extras, objects) in [Extras::None, Extras::All].into_iter().zip(objects) {
-            for object in objects {
+            for object in objects.iter().take(if few { 1 } else { objects.len() }) {
                 let setting = Setting { object, level, extras, more: NO_SHADOWS, ..Setting::default() };
                 let change = largest_change(&setting, &GENERIC).or(match extras {
-                    Extras::None => largest_change(&setting, &ELSEWHERE),
-                    Extras::All => Change::default(),
+                    Extras::None if !few => largest_change(&setting, &ELSEWHERE),
+                    _ => Change::default(),
                 });
                 assert_eq!(change.flipped_px, 0, "{object}, {level:?}, {extras:?}: no edge is near a pixel centre");
                 assert!(change.surface_um < 0.3, "{object}, {level:?}, {extras:?}: {change:?}");

@@ -51,7 +51,7 @@ NAMES = {
     "Mesh.of": {"given": "mesh"},
     "generate": {"job": f"job|{PATH}", "out": "out|x: |dataset", "fidelity": "fidelity", **FLAGS, **OVERWRITE},
 }
-for kind in [gelsim.Pose, gelsim.Placement, gelsim.Texture, gelsim.Shear, gelsim.Led]:
+for kind in [gelsim.Pose, gelsim.Placement, gelsim.Texture, gelsim.Shear, gelsim.Led, gelsim.LightPattern]:
     NAMES[kind.__name__] = {field: field for field in kind.__dataclass_fields__}
 ARGUMENTS = [pytest.param(label, name, id=f"{label}-{name}") for label, names in NAMES.items() for name in names]
 
@@ -89,6 +89,7 @@ def functions(the):
         "Texture": (gelsim.Texture, {"pattern": "noise"}),
         "Shear": (gelsim.Shear, {}),
         "Led": (gelsim.Led, {"azimuth_deg": 0.0}),
+        "LightPattern": (gelsim.LightPattern, {}),
     }
 
 
