@@ -85,7 +85,12 @@ fn a_step_in_depth_moves_the_surface_by_little_more() {
     let steps = if crate::thorough() { 20 } else { 8 };
     for (from_mm, to_mm) in [(0.01, 0.015), (0.3, 0.32), (1.4555, 1.4755), (2.91, 2.93)] {
         for level in Fidelity::ALL {
+            // Rubber at finite strain takes seconds where it is pressed deep.
+            let few = level == Fidelity::FiniteStrain && !crate::thorough();
             for object in ["sphere", "torus", "coin"] {
+                if few && (from_mm > 1.0 || object != "sphere") {
+                    continue;
+                }
                 let setting = Setting { object, level, more: NO_SHADOWS, ..Setting::default() };
                 let at = |t: f64| Numbers { depth_mm: from_mm + (to_mm - from_mm) * t, ..GENERIC };
                 let change = largest_step(steps, |t| setting.press(&at(t)));
