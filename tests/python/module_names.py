@@ -41,6 +41,7 @@ def sensors() -> gelsim.Sensor:
         size_mm=(6.0, 1.0),
         lobe=1.0,
         name="amber",
+        pattern=gelsim.LightPattern(red=(1.0, 0.2, -0.1), green=(0.9,), blue=(1.0, 0.0, 0.1, 0.0, 0.0, -0.2)),
     )
     lit = sensor.with_leds([*sensor.leds, more])
     assert [led.name for led in lit.leds] == ["red", "green", "blue", "amber"] and lit.leds[3] == more
