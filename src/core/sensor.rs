@@ -287,18 +287,11 @@ impl Sensor {
         if let Some((_, value)) = numbers.find(|(_, value)| !value.is_finite()) {
             return Err(SensorError::Number { name: "lamps", value, allowed: "finite" });
         }
-        let counts = |name: &'static str, channels: [&Vec<f64>; 3], allowed: &'static [usize]| match channels
-            .into_iter()
-            .find(|terms| !allowed.contains(&terms.len()))
-        {
-            Some(terms) => Err(SensorError::Coefficients { name, found: terms.len(), allowed }),
-            None => Ok(()),
-        };
         if let Some(residual) = &self.light_residual {
-            counts("light_residual", residual.channels(), &residual::TERM_COUNTS)?;
+            check_term_counts("light_residual", residual.channels(), &residual::TERM_COUNTS)?;
         }
         for pattern in self.leds.iter().filter_map(|led| led.pattern.as_deref()) {
-            counts("pattern of an LED", pattern.channels(), &light_pattern::TERM_COUNTS)?;
+            check_term_counts("pattern of an LED", pattern.channels(), &light_pattern::TERM_COUNTS)?;
         }
         match &self.background {
             Background::Photograph(photograph) if [photograph.width, photograph.height] != self.resolution_px => {
@@ -309,5 +302,13 @@ impl Sensor {
             }
             _ => Ok(()),
         }
+    }
+}
+
+/// Checks how many coefficients each channel of a polynomial has.
+fn check_term_counts(name: &'static str, channels: [&[f64]; 3], allowed: &'static [usize]) -> Result<(), SensorError> {
+    match channels.into_iter().map(<[f64]>::len).find(|count| !allowed.contains(count)) {
+        Some(found) => Err(SensorError::Coefficients { name, found, allowed }),
+        None => Ok(()),
     }
 }

@@ -148,38 +148,42 @@ def least_squares(features, values, ridge, more=None):
     return numpy.linalg.solve(products, scaled.T @ values / len(scaled)) / sizes
 
 
+def fit_positive(lights, rest, values):
+    """Coefficients of each LED's pattern in a channel. No pattern is below 0: Newton's steps on a penalty for that."""
+    count = EVERYWHERE.shape[1]
+    features = numpy.concatenate([*lights, rest], axis=1)
+    of_leds = count * len(lights)
+    ridge = numpy.where(numpy.arange(features.shape[1]) < of_leds, RIDGE, HOLDING_BACK)
+    wished = None
+    for _ in range(30):
+        parts = least_squares(features, values, ridge, wished)[:of_leds].reshape(-1, count)
+        below = [EVERYWHERE[EVERYWHERE @ part < 0] for part in parts]
+        wished = numpy.zeros((sum(map(len, below)), features.shape[1]))
+        ends = numpy.cumsum([len(places) for places in below])
+        for k, (places, end) in enumerate(zip(below, ends)):
+            wished[end - len(places) : end, k * count : (k + 1) * count] = places / 30
+    return parts
+
+
 def fit_patterns(pixels, lights, scales):
     """The light of each LED in each channel, a polynomial of the place that is nowhere below 0. `lights` is that of LEDs of strength
     1. The residual is fitted with them, and held back, so that the LEDs explain what they can."""
-    count = EVERYWHERE.shape[1]
-    found = numpy.zeros((lights.shape[1], 3, count))
-    light = [lights[:, led : led + 1] * pixels.places() for led in range(lights.shape[1])]
+    count = lights.shape[1]
+    found = numpy.zeros((count, 3, EVERYWHERE.shape[1]))
+    varied = [lights[:, led : led + 1] * pixels.places() for led in range(count)]
     rest = pixels.residual_terms()
     for channel in range(3):
         scale = scales[:, channel : channel + 1]
         values = (pixels.images - pixels.background)[:, channel]
-        shining = list(range(len(light)))
-        while True:
-            of_leds = count * len(shining)
-            features = numpy.concatenate([light[led] * scale for led in shining] + [rest * scale], axis=1)
-            ridge = numpy.where(numpy.arange(features.shape[1]) < of_leds, RIDGE, HOLDING_BACK)
-            wished = None
-            # Newton's steps on a penalty for what is below 0.
-            for _ in range(30):
-                parts = least_squares(features, values, ridge, wished)[:of_leds].reshape(-1, count)
-                below = [EVERYWHERE[EVERYWHERE @ part < 0] for part in parts]
-                wished = numpy.zeros((sum(map(len, below)), features.shape[1]))
-                ends = numpy.cumsum([len(places) for places in below])
-                for k, (places, end) in enumerate(zip(below, ends)):
-                    wished[end - len(places) : end, k * count : (k + 1) * count] = places / 30
+        shining, dark = list(range(count)), True
+        while dark:
+            parts = fit_positive([varied[led] * scale for led in shining], rest * scale, values)
             # An LED that a channel hardly sees is dark there.
             means = [(EVERYWHERE @ part).mean() for part in parts]
             dark = [led for led, mean in zip(shining, means) if mean < 0.03 * max(max(means), 1e-9)]
             if not dark:
-                break
+                found[shining, channel] = parts
             shining = [led for led in shining if led not in dark]
-        for led, part in zip(shining, parts):
-            found[led, channel] = part
     return found
 
 
@@ -271,7 +275,7 @@ class Fit:
         leds = [(led["azimuth_deg"], led["elevation_deg"]) for led in leds]
         self.stray = None if given.additive else numpy.array(tomllib.loads(written)["stray_light"]).round(3)
         rest = without(r"stray_light = .*\n", without(r"\[\[led\]\]\n(?:\w.*\n)+", written))
-        self.lines = "" if given.additive else f"stray_light = {self.stray.tolist()}\n"
+        self.stray_line = "" if given.additive else f"stray_light = {self.stray.tolist()}\n"
         pixels = Pixels(presses, folder / "surfaces", background, STEP)
         scales = numpy.ones_like(pixels.background) if given.additive else numpy.maximum(pixels.background - self.stray, 0)
         # An LED in each channel, over a pad that is grey: what the program shows holds the light of each, shadows among it.
@@ -286,7 +290,7 @@ class Fit:
         lit = show(given.gelsim, presses, folder / "shown.csv", basis, folder / "basis", contact)
         patterns = fit_patterns(pixels, pixels.shown(lit) - GREY / 255, scales)
         self.leds = led_tables(leds, patterns)
-        self.sensor.write_text(self.lines + rest + "\n" + self.leds)
+        self.sensor.write_text(self.stray_line + rest + "\n" + self.leds)
         shown = show(given.gelsim, presses, folder / "shown.csv", self.sensor, folder / "shown", contact)
         self.residual = residual(pixels, pixels.shown(shown), scales)
         self.sensor.write_text(self.sensor.read_text() + self.residual)
@@ -343,7 +347,7 @@ def main():
     if len(pads) > 1:
         print(f"largest spread of a coefficient between units: {coefficients.std(axis=0, ddof=1).max(axis=1).round(2)}")
 
-    print(f"\n{fit.lines}", end="")
+    print(f"\n{fit.stray_line}", end="")
     print(f"\n[rendered_background]\ncolor = {(means.mean(axis=0) / 255).round(3).tolist()}")
     print("\n[rendered_background.pattern]")
     for name, line in zip(CHANNELS, coefficients.mean(axis=0)):

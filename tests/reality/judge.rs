@@ -149,7 +149,7 @@ fn real_presses_are_not_spoken_against_and_each_mistake_in_them_is_named() {
         "set                  disc/ball  differs  left  left/change  rearranged  factors             common  held  80 %"
     );
     for (name, session) in &sessions {
-        let sizes = SessionSizes::from_session(session, None);
+        let sizes = SessionSizes::from_session(session);
         let found = background::compare_background(session).expect("enough of the pad is away from the discs");
         let [red, green, blue] = found.factors;
         let [held, holding] = circles::circle_statistics(session);

@@ -62,7 +62,7 @@ fn light_range(plan: &Plan, sample: &Sample) -> [f64; 2] {
     let most = (0..3)
         .map(|k| {
             let one = |led: &Led| {
-                let terms = led.pattern.as_deref().map_or(&[1.0][..], |pattern| &pattern.channels()[k][..]);
+                let terms = led.pattern.as_deref().map_or(&[1.0][..], |pattern| pattern.channels()[k]);
                 let factor: f64 = terms.iter().map(|term| term.abs()).sum();
                 factor * led.color[k] * led.intensity * strongest(plan, led, heights)
             };

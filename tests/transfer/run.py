@@ -96,8 +96,8 @@ def transfer(given, folder, preset, work, pool):
     calibrated = f'file = "{sensor}"'
     rows = []
     if preset:
-        kind = "file" if preset.endswith(".toml") else "preset"
-        own = f'{kind} = "{preset}"\nresolution_px = {list(real.size)}\nfield_of_view_mm = {view}\n'
+        named = f'file = "{Path(preset).resolve()}"' if preset.endswith(".toml") else f'preset = "{preset}"'
+        own = f'{named}\nresolution_px = {list(real.size)}\nfield_of_view_mm = {view}\n'
         photo = own + f'background = "{real.background_file}"\n'
         rows += [
             (f"preset {preset}", None, images(own)),

@@ -37,8 +37,6 @@ pub struct LedShader {
     pub(super) stray_light: Option<[f32; 3]>,
     /// Light that the LEDs leave unexplained.
     pub(super) residual: Option<residual::PreparedResidual>,
-    /// Whether the light of an LED, or what they leave unexplained, varies over the view by a polynomial of the place.
-    light_varies: bool,
     pub(super) view: View,
 }
 
@@ -126,8 +124,6 @@ impl LedShader {
             relief: None,
             darkening_per_mm: light.darkening_per_mm(&phong) as f32,
             residual: light.residual.map(LightResidual::prepare),
-            light_varies: light.leds.iter().any(|led| led.pattern.is_some())
-                || light.residual.is_some_and(LightResidual::varies),
             stray_light: light.stray_light.map(|stray| stray.map(|share| share as f32)),
             view: *view,
         };

@@ -33,15 +33,20 @@ impl Default for LightPattern {
 
 impl LightPattern {
     /// Returns the coefficients of red, green and blue.
-    pub fn channels(&self) -> [&Vec<f64>; 3] {
+    pub fn channels(&self) -> [&[f64]; 3] {
         [&self.red, &self.green, &self.blue]
+    }
+
+    /// Returns all coefficients of red, green and blue: those that are not given are 0.
+    pub fn all_terms(&self) -> [[f64; MOST_TERMS]; 3] {
+        self.channels().map(|terms| std::array::from_fn(|k| terms.get(k).copied().unwrap_or(0.0)))
     }
 }
 
 /// Colour times intensity of an LED, over the view.
 #[derive(Clone, Debug)]
 pub(crate) struct LightColor {
-    /// On average, or everywhere.
+    /// Without a pattern.
     pub even: [f32; 3],
     /// For each channel the coefficients of 1, x, y, x^2, x y and y^2; `None` if the light is the same everywhere.
     pub terms: Option<[[f32; MOST_TERMS]; 3]>,
@@ -51,11 +56,8 @@ impl LightColor {
     /// Makes the colour of an LED.
     pub fn new(color: [f64; 3], intensity: f64, pattern: Option<&LightPattern>) -> Self {
         let terms = pattern.map(|pattern| {
-            let channels = pattern.channels();
-            std::array::from_fn(|channel| {
-                let of = |k: usize| channels[channel].get(k).copied().unwrap_or(0.0);
-                std::array::from_fn(|k| (color[channel] * intensity * of(k)) as f32)
-            })
+            let all = pattern.all_terms();
+            std::array::from_fn(|channel| all[channel].map(|term| (color[channel] * intensity * term) as f32))
         });
         Self { even: color.map(|share| (share * intensity) as f32), terms }
     }

@@ -47,13 +47,8 @@ type Coefficients<T> = [[T; TERMS]; 3];
 
 impl LightResidual {
     /// Returns the coefficients of red, green and blue.
-    pub fn channels(&self) -> [&Vec<f64>; 3] {
+    pub fn channels(&self) -> [&[f64]; 3] {
         [&self.red, &self.green, &self.blue]
-    }
-
-    /// Returns true if coefficients vary over the pad.
-    pub(crate) fn varies(&self) -> bool {
-        self.channels().into_iter().any(|terms| terms.len() > TERMS)
     }
 
     /// Returns the coefficients that count once (0), times x (1) or times y (2).
@@ -90,7 +85,7 @@ impl LightResidual {
             steepest: self.steepest as f32,
             heights_mm: self.heights_mm.map(|mm| mm as f32),
             parts: [0, 1, 2].map(|part| self.part(part).map(|terms| terms.map(|term| term as f32))),
-            varies: self.varies(),
+            varies: self.channels().into_iter().any(|terms| terms.len() > TERMS),
         }
     }
 }
@@ -101,7 +96,8 @@ pub struct PreparedResidual {
     heights_mm: [f32; 2],
     /// The coefficients that count once, times x, and times y.
     parts: [Coefficients<f32>; 3],
-    varies: bool,
+    /// Whether coefficients vary over the pad.
+    pub(crate) varies: bool,
 }
 
 /// The residual along a row of pixels.

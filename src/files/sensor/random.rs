@@ -60,9 +60,7 @@ impl Sensor {
         }
         if let Some(pattern) = look.pattern.as_deref_mut() {
             let Pattern { red, green, blue } = pattern;
-            for (channel, coefficients) in [("red", red), ("green", green), ("blue", blue)] {
-                push_elements(&mut numbers, &format!("rendered_background.pattern.{channel}"), coefficients);
-            }
+            push_channels(&mut numbers, "rendered_background.pattern", [red, green, blue]);
         }
         for (i, led) in self.led.iter_mut().enumerate() {
             let Led { azimuth_deg, elevation_deg, angular_size_deg, distance_mm, color, intensity, pattern, .. } = led;
@@ -78,9 +76,7 @@ impl Sensor {
             push_elements(&mut numbers, &format!("led.{i}.color"), color);
             if let Some(pattern) = pattern.as_deref_mut() {
                 let LightPattern { red, green, blue } = pattern;
-                for (channel, coefficients) in [("red", red), ("green", green), ("blue", blue)] {
-                    push_elements(&mut numbers, &format!("led.{i}.pattern.{channel}"), coefficients);
-                }
+                push_channels(&mut numbers, &format!("led.{i}.pattern"), [red, green, blue]);
             }
         }
         numbers
@@ -105,6 +101,13 @@ fn push_elements<'a>(
     list: impl IntoIterator<Item = &'a mut f64>,
 ) {
     numbers.extend(list.into_iter().enumerate().map(|(k, number)| (format!("{path}.{k}"), number)));
+}
+
+/// Adds the coefficients of red, green and blue.
+fn push_channels<'a>(numbers: &mut Vec<(String, &'a mut f64)>, path: &str, channels: [&'a mut [f64]; 3]) {
+    for (name, coefficients) in ["red", "green", "blue"].into_iter().zip(channels) {
+        push_elements(numbers, &format!("{path}.{name}"), coefficients);
+    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use crate::plan::Plan;
 use crate::scene::Scene;
 use gelsim_core::base::view::View;
 use gelsim_core::optics::led::Led;
-use gelsim_core::optics::light_pattern::MOST_TERMS;
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 
@@ -142,10 +141,7 @@ impl LedLabel {
             lobe: led.lobe,
             color: led.color,
             intensity: led.intensity,
-            pattern: led.pattern.as_deref().map_or_else(Vec::new, |pattern| {
-                let padded = |terms: &Vec<f64>| (0..MOST_TERMS).map(|k| terms.get(k).copied().unwrap_or(0.0)).collect();
-                pattern.channels().into_iter().map(padded).collect::<Vec<Vec<f64>>>().concat()
-            }),
+            pattern: led.pattern.iter().flat_map(|pattern| pattern.all_terms()).flatten().collect(),
         }
     }
 }

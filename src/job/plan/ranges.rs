@@ -13,6 +13,7 @@ use gelsim_core::camera::lens;
 use gelsim_core::camera::noise::MAX_CORRELATION;
 use gelsim_core::fidelity::Models;
 use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_core::optics::background::Pattern;
 use gelsim_core::optics::calibrated::Calibrated;
 use gelsim_core::optics::{lamps, light_pattern, residual};
 use gelsim_core::{gelpad, optics};
@@ -143,17 +144,11 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
             let allowed = if k == 0 { -100.0..=0.0 } else { 0.0..=100.0 };
             check.require_in_range(&format!("sensor.light_residual.heights_mm.{k}"), *mm, allowed, "");
         }
-        let counts = &residual::TERM_COUNTS;
-        check_coefficients(check, "sensor.light_residual", residual.channels(), counts);
+        check_coefficients(check, "sensor.light_residual", residual.channels(), &residual::TERM_COUNTS);
     }
     let look = &sensor.rendered_background;
-    if let Some(pattern) = &look.pattern {
-        for (channel, coefficients) in [("red", &pattern.red), ("green", &pattern.green), ("blue", &pattern.blue)] {
-            for (k, coefficient) in coefficients.iter().enumerate() {
-                let path = format!("sensor.rendered_background.pattern.{channel}.{k}");
-                check.require_in_range(&path, *coefficient, -100.0..=100.0, "");
-            }
-        }
+    if let Some(Pattern { red, green, blue }) = look.pattern.as_deref() {
+        check_coefficients(check, "sensor.rendered_background.pattern", [red, green, blue], &[red.len()]);
     }
     for k in 0..3 {
         check.require_in_range(&format!("sensor.rendered_background.color.{k}"), look.color[k], 0.0..=1.0, "");
@@ -251,13 +246,13 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
 }
 
 /// Checks how many coefficients each channel has, and their range.
-fn check_coefficients(check: &mut JobChecker<'_>, path: &str, channels: [&Vec<f64>; 3], counts: &[usize]) {
+fn check_coefficients(check: &mut JobChecker<'_>, path: &str, channels: [&[f64]; 3], counts: &[usize]) {
     for (name, terms) in ["red", "green", "blue"].into_iter().zip(channels) {
         let path = format!("{path}.{name}");
         if !counts.contains(&terms.len()) {
             let allowed: Vec<String> = counts.iter().map(usize::to_string).collect();
             let [first @ .., last] = allowed.as_slice() else { continue };
-            let message = format!("{} coefficients", terms.len());
+            let message = format!("{name} has {} coefficients", terms.len());
             check.report_error(&path, message, format!("write {} or {last} of them", first.join(", ")));
         }
         for (k, term) in terms.iter().enumerate() {

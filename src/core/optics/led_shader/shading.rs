@@ -124,7 +124,9 @@ impl WithPower for ShadingTask<'_> {
 
     fn run(self, power: impl Fn(f32) -> f32 + Copy) {
         let Self { shader, lit, rest, light } = self;
-        let mut rows = RowScratch::default();
+        let Rect { x0, x1, .. } = light.region;
+        let columns = (x0..x1).map(|x| place_along(shader.view.resolution_px[0], x)).collect();
+        let mut rows = RowScratch { columns, ..RowScratch::default() };
         simd_dispatch(
             #[inline(always)]
             || {
@@ -150,7 +152,7 @@ struct RowScratch {
     /// Values on a coarser grid.
     line: Vec<f32>,
     led: LedRow,
-    /// Where the pixels are, -1 to 1 over the view; empty if nothing asks for it.
+    /// Where the pixels are along every row, -1 to 1 over the view.
     columns: Vec<f32>,
 }
 
@@ -196,7 +198,7 @@ struct SubpixelScratch {
     led: LedRow,
     /// Displacement of their pixels, mm.
     displacement_mm: Vec<f32>,
-    /// Where their pixels are; empty if nothing asks for it.
+    /// Where their pixels are along the row, -1 to 1 over the view; empty if the residual is the same everywhere.
     columns: Vec<f32>,
     /// Light of an LED at each sample, and that of the residual.
     gain: Vec<f32>,
@@ -299,12 +301,7 @@ fn shade_row(
     gain.resize(width, 0.0);
     share.resize(width, 1.0);
     let (gain, share) = (&mut gain[..width], &mut share[..width]);
-    let [view_width, view_height] = shader.view.resolution_px;
-    columns.clear();
-    if shader.light_varies {
-        columns.extend((region.x0..region.x1).map(|x| place_along(view_width, x)));
-    }
-    let (columns, place) = (&columns[..], place_along(view_height, y));
+    let (columns, place) = (&columns[..width], place_along(shader.view.resolution_px[1], y));
     for number in 0..shader.lights.count() {
         let color = shader.lights.color(number);
         led_row.fill(lit.field, number, y, region.x0, width);
@@ -348,11 +345,11 @@ fn shade_row(
             }
             Some(terms) => {
                 let [of_red, of_green, of_blue] = terms.each_ref().map(|terms| along_row(terms, place));
-                for (x, at) in columns.iter().enumerate() {
-                    let gain = gain[x] - flat;
-                    red[x] += gain * of_red.at(*at);
-                    green[x] += gain * of_green.at(*at);
-                    blue[x] += gain * of_blue.at(*at);
+                for x in 0..width {
+                    let (gain, at) = (gain[x] - flat, columns[x]);
+                    red[x] += gain * of_red.at(at);
+                    green[x] += gain * of_green.at(at);
+                    blue[x] += gain * of_blue.at(at);
                 }
             }
         }
@@ -371,7 +368,7 @@ fn shade_row(
             &mut *subpixel;
         residual::reset_planes(samples, displacement_mm.len());
         places.clear();
-        if !columns.is_empty() {
+        if prepared.varies {
             places.extend(pixels.iter().flat_map(|pixel| [columns[pixel.x as usize - region.x0]; SAMPLES]));
         }
         at_row.add(sample_normals, displacement_mm, places, residual::slice_planes(samples, 0..displacement_mm.len()));

@@ -52,10 +52,8 @@ pub struct SessionSizes {
 }
 
 impl SessionSizes {
-    /// Returns the sizes of a session. If it is known how much of a disc the contact is, the discs are as wide as they
-    /// would be with the usual share.
-    pub fn from_session(session: &Session, contact_over_disc: Option<f64>) -> Self {
-        let share = contact_over_disc.map_or(1.0, |share| share / Geometry::USUAL_CONTACT);
+    /// Returns the sizes of a session.
+    pub fn from_session(session: &Session) -> Self {
         let presses = &session.observations;
         let middle = |value: &dyn Fn(usize) -> f64| {
             median(&(0..presses.len()).map(value).collect::<Vec<_>>()).unwrap_or(f64::NAN)
@@ -64,7 +62,7 @@ impl SessionSizes {
             longer_px: session.camera.resolution_px.into_iter().max().unwrap_or(1) as f64,
             mm_per_px: session.camera.mm_per_px[0],
             ball_mm: middle(&|k| presses[k].ball_radius_mm),
-            disc_over_ball_per_mm: middle(&|k| share * presses[k].circle.radius_px / presses[k].ball_radius_mm),
+            disc_over_ball_per_mm: middle(&|k| presses[k].circle.radius_px / presses[k].ball_radius_mm),
         }
     }
 
@@ -84,6 +82,13 @@ impl SessionSizes {
         // The disc was measured in pixels, so that another unit of the ball changes the ratio.
         let disc_over_ball_per_mm = self.disc_over_ball_per_mm * self.ball_mm / ball_mm;
         Self { mm_per_px: pixel(self.mm_per_px), ball_mm, disc_over_ball_per_mm, ..*self }
+    }
+
+    /// Returns the sizes with discs as wide as their contacts would usually make them, if it is known how much of a disc
+    /// the contact is.
+    fn with_contact(self, contact_over_disc: Option<f64>) -> Self {
+        let share = contact_over_disc.map_or(1.0, |share| share / Geometry::USUAL_CONTACT);
+        Self { disc_over_ball_per_mm: share * self.disc_over_ball_per_mm, ..self }
     }
 
     fn are_usual(&self) -> bool {
@@ -112,7 +117,7 @@ pub fn judge_scale(
     contact_over_disc: Option<f64>,
     named: Option<(&str, [f64; 2])>,
 ) -> Vec<Diagnostic> {
-    let sizes = SessionSizes::from_session(session, contact_over_disc);
+    let sizes = SessionSizes::from_session(session).with_contact(contact_over_disc);
     let mut found = judge_sizes(&sizes);
     if let Some((name, view_mm)) = named.filter(|_| found.is_empty()) {
         let own = view_mm[0].max(view_mm[1]);
@@ -283,5 +288,8 @@ mod tests {
         let flat = said(0.11625, 30.0);
         assert!(flat.len() == 1 && flat[0].1.contains("press deeper"), "{flat:?}");
         assert_eq!(said(f64::MIN_POSITIVE, 1e300).len(), 1);
+        // A disc may be wider than its ball where the contact is known to be half of it.
+        assert!(judge_sizes(&sizes(0.35, 4.0).with_contact(Some(0.5))).is_empty());
+        assert_eq!(judge_sizes(&sizes(0.35, 4.0).with_contact(Some(Geometry::USUAL_CONTACT))).len(), 1);
     }
 }
