@@ -30,6 +30,7 @@ use crate::gelpad::total_contact::measure_total_contact;
 use crate::gelpad::{self, Contact, Pad, subpixel};
 use crate::impression::{Impression, SlidingState};
 use crate::optics::background::BackgroundImage;
+use crate::optics::light_error::LightError;
 use crate::optics::{Shader, lamps};
 use crate::pose::{PadPlane, Pose};
 use crate::sensor::{Markers, Sensor};
@@ -62,6 +63,8 @@ pub struct Simulator {
     /// What gives the pad's in-plane motion; `None` if nothing needs it.
     in_plane: Option<Arc<InPlaneResponse>>,
     shader: Arc<Shader>,
+    /// What the model of the light leaves out, once it is asked for.
+    light_error: OnceLock<Result<LightError, &'static str>>,
     /// The grey images of the sensor's lamps, whatever the optics model.
     lamps: Option<Arc<lamps::LampShader>>,
     camera: Arc<Camera>,
@@ -431,6 +434,24 @@ impl Simulator {
     /// Returns the background image as it was given or rendered, before markers and lens.
     pub fn background(&self) -> &BackgroundImage {
         &self.background
+    }
+
+    /// Returns what the model of the light is expected to leave out; why that is not known as an error.
+    ///
+    /// # Errors
+    ///
+    /// If the gel has a shape, or if the light was measured or fitted to pictures.
+    pub fn light_error(&self) -> Result<&LightError, &'static str> {
+        let find = || {
+            if self.curved.is_some() {
+                return Err("the gel has a shape");
+            }
+            let mean =
+                |plane: &Vec<u8>| plane.iter().map(|level| f64::from(*level)).sum::<f64>() / plane.len().max(1) as f64;
+            let rest_levels = self.background.planes.each_ref().map(mean);
+            LightError::new(&self.models.optics, &self.sensor.illumination(), rest_levels)
+        };
+        self.light_error.get_or_init(find).as_ref().map_err(|why| *why)
     }
 
     /// Returns the image without contact, markers included.

@@ -22,7 +22,7 @@ fn resolve(text: &str, set: Vec<(String, String)>) -> Result<Plan, Report> {
 }
 
 /// What a label need not know.
-const NULLS: [&str; 12] = [
+const NULLS: [&str; 13] = [
     "/object/material/youngs_modulus_kpa",
     "/object/material/poisson_ratio",
     "/object/material/friction",
@@ -32,6 +32,7 @@ const NULLS: [&str; 12] = [
     "/contact/peak_pressure_kpa",
     "/numerics/residual_um",
     "/numerics/model_error_um",
+    "/numerics/light_error_levels",
     "/shear/force_n",
     "/shear/torque_nmm",
     "/shear/slipping",

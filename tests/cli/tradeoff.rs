@@ -99,7 +99,8 @@ fn check_rows(folder: &Folder, name: &str) -> Vec<BTreeMap<String, String>> {
     // NaN and infinity are null in JSON.
     let nulls = text.matches("null").count();
     let shares = ["contact_iou_mean", "contact_iou_worst"];
-    let unknown = ["image_psnr_db", "area_error_percent", "force_error_percent"].into_iter().chain(shares);
+    let unknown =
+        ["image_psnr_db", "area_error_percent", "force_error_percent", "light_error_levels"].into_iter().chain(shares);
     let known = unknown.map(|key| text.matches(&format!("\"{key}\": null")).count()).sum::<usize>();
     assert_eq!(nulls, known, "{text}");
     rows
@@ -208,6 +209,10 @@ fn the_figures_are_those_of_the_samples_themselves() {
         }
         let model = exact.iter().filter_map(|exact| exact.label.numerics.model_error_um).sum::<f64>() / 8.0;
         assert!(model > 0.0 && close(number(row, "model_error_um"), model), "{row:?}");
+        let light = own.iter().filter(|sample| sample.label.contact.in_contact);
+        let light: Vec<f64> = light.filter_map(|sample| sample.label.numerics.light_error_levels).collect();
+        let light = light.iter().sum::<f64>() / light.len() as f64;
+        assert!(light > 0.0 && close(number(row, "light_error_levels"), light), "{row:?}");
         let levels = || {
             pairs().flat_map(|(own, exact)| {
                 own.impression.image.rgb.iter().zip(&exact.impression.image.rgb).map(|(a, b)| f64::from(a.abs_diff(*b)))
@@ -218,6 +223,25 @@ fn the_figures_are_those_of_the_samples_themselves() {
         let mean_square = levels().map(|level| level * level).sum::<f64>() / count;
         assert!(close(number(row, "image_psnr_db"), 10.0 * (255.0 * 255.0 / mean_square).log10()), "{row:?}");
     }
+}
+
+#[test]
+fn what_the_light_leaves_out_is_said_with_what_computes_it() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("tradeoff job.toml --samples 2 --out before");
+    let before = json(&folder, "before/tradeoff.json");
+    let rows = before["light"].as_array().expect("rows").clone();
+    let levels: Vec<f64> = rows.iter().map(|row| row["levels"].as_f64().expect("a number")).collect();
+    assert!(rows.len() == 4 && levels.is_sorted_by(|a, b| a >= b), "{rows:?}");
+    // Every remedy together: only what no model computes is left.
+    let more = "--set optics=\"led\" --set sensor.window.distance_mm=8 --set sensor.coat.albedo=0.4";
+    folder.succeed(&format!("tradeoff job.toml --samples 2 --out after {more}"));
+    let after = json(&folder, "after/tradeoff.json");
+    let left = after["light"].as_array().expect("rows");
+    assert_eq!(left.len(), 1, "{left:?}");
+    let sum: f64 = levels.iter().map(|levels| levels * levels).sum::<f64>().sqrt();
+    let remainder = left[0]["levels"].as_f64().expect("a number");
+    assert!(left[0]["remedy"] == "" && remainder < 0.5 * sum, "{remainder} of {sum}");
 }
 
 #[test]

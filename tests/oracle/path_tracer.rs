@@ -96,6 +96,8 @@ impl Ways {
 /// A press under its LEDs.
 pub struct Scene {
     panels: Vec<Panel>,
+    /// Colour times intensity of each.
+    colors: Vec<[f64; 3]>,
     window: Option<Window>,
     /// Half the width and height of the slab, mm: paths end at its walls.
     half_mm: [f64; 2],
@@ -154,7 +156,24 @@ impl Scene {
             let view_mm = 0.5 * view.resolution_px[k] as f64 * view.mm_per_px[k];
             panels.iter().map(|panel| panel.middle[k].abs() + panel.half[0][k].abs() + 0.5).fold(view_mm, f64::max)
         });
-        Self { panels, window, half_mm, albedo, phong, view, heights, slopes, highest, range_mm }
+        let colors = leds.iter().map(|led| led.color.map(|share| share * led.intensity)).collect();
+        Self { panels, colors, window, half_mm, albedo, phong, view, heights, slopes, highest, range_mm }
+    }
+
+    /// Describes the scene for another program (`mitsuba_light.py`).
+    pub fn describe(&self) -> serde_json::Value {
+        let leds = self.panels.iter().zip(&self.colors).map(|(panel, color)| {
+            serde_json::json!({
+                "middle": panel.middle, "along": panel.half[0], "up": panel.half[1], "aim": panel.aim, "color": color,
+            })
+        });
+        let window = self.window.as_ref().expect("a scene with a window");
+        serde_json::json!({
+            "width": self.heights.width, "height": self.heights.height, "heights": self.heights.data,
+            "mm_per_px": self.view.mm_per_px, "leds": leds.collect::<Vec<_>>(), "albedo": self.albedo,
+            "diffuse": self.phong.diffuse, "window_mm": window.distance_mm,
+            "refractive_index": window.refractive_index,
+        })
     }
 
     /// Traces every `stride`th pixel by `paths` paths of up to `bounces` bounces.

@@ -9,6 +9,7 @@ use gelsim_core::base::view::View;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::optics::Model;
 use gelsim_core::optics::led::Led;
+use gelsim_core::optics::light_error::LightError;
 use gelsim_core::optics::near_light::bounce::Coat;
 use gelsim_core::optics::near_light::window::{Window, fresnel};
 use gelsim_core::optics::phong::{Phong, Shadows, SoftShadows};
@@ -38,6 +39,28 @@ fn paths() -> u32 {
 fn objects() -> impl Iterator<Item = &'static str> {
     OBJECTS.into_iter().step_by(if paths() > 48 { 1 } else { 2 })
 }
+
+/// What of the light is computed.
+#[derive(Clone, Copy)]
+struct Variant {
+    near: bool,
+    shadows: bool,
+    window: bool,
+    coat: bool,
+}
+
+const ALL: Variant = Variant { near: true, shadows: true, window: true, coat: true };
+const DIRECT: Variant = Variant { window: false, coat: false, ..ALL };
+/// Those whose error is held against what is expected of it.
+const VARIANTS: [(&str, Variant); 7] = [
+    ("all", ALL),
+    ("no mirror", Variant { window: false, ..ALL }),
+    ("no bounce", Variant { coat: false, ..ALL }),
+    ("no shadows", Variant { shadows: false, ..ALL }),
+    ("direct light", DIRECT),
+    ("phong", Variant { near: false, ..ALL }),
+    ("phong, no shadows", Variant { near: false, shadows: false, ..ALL }),
+];
 
 /// A kind of sensor.
 struct Kind {
@@ -148,17 +171,32 @@ impl Kind {
         ]
     }
 
-    /// What the press changes at every pixel, levels, by the model with this window and coat.
-    fn modelled(&self, contact: &Contact, window: bool, coat: bool) -> Vec<[f64; 3]> {
+    /// The sensor and the model of the light of a variant.
+    fn variant(&self, variant: Variant) -> (Sensor, Model) {
         let mut sensor = self.sensor.clone();
-        sensor.window = sensor.window.filter(|_| window);
-        sensor.coat = sensor.coat.filter(|_| coat);
+        sensor.window = sensor.window.filter(|_| variant.window);
+        sensor.coat = sensor.coat.filter(|_| variant.coat);
+        let shadows = if variant.shadows { self.phong.shadows } else { Shadows::None };
+        let phong = Phong { shadows, ..self.phong };
+        (sensor, if variant.near { Model::Led(phong) } else { Model::Phong(phong) })
+    }
+
+    /// What the press changes at every pixel, levels.
+    fn modelled(&self, contact: &Contact, variant: Variant) -> Vec<[f64; 3]> {
+        let (sensor, model) = self.variant(variant);
         let view = camera_of(&sensor);
         let rest = grey(&view, 128);
-        let light = light_of(&Model::Led(self.phong), &sensor, contact, &rest);
+        let light = light_of(&model, &sensor, contact, &rest);
         let [width, height] = view.resolution_px;
         let pixels = (0..width * height).map(|at| light_at(&light, &rest, at % width, at / width));
         pixels.map(|pixel| pixel.map(|value| 255.0 * (value - 128.0 / 255.0))).collect()
+    }
+
+    /// The levels that a variant is expected to leave out.
+    fn expected(&self, contact: &Contact, variant: Variant) -> f64 {
+        let (sensor, model) = self.variant(variant);
+        let error = LightError::new(&model, &sensor.illumination(), [128.0; 3]).expect("light of LEDs");
+        error.levels(contact, &camera_of(&sensor))
     }
 
     fn traced(&self, contact: &Contact) -> Grid<Ways> {
@@ -230,31 +268,51 @@ fn light_is_that_of_traced_paths() {
     for (kind, bounds) in Kind::all().iter().zip(bounds) {
         let flat = kind.traced(&contact_of(&camera_of(&kind.sensor), |_| 0.0));
         for (depth_mm, bounds) in [1.0, 0.5].into_iter().zip(bounds) {
-            let mut all: [Off; 6] = std::array::from_fn(|_| Off::default());
+            let mut light: [Off; 3] = std::array::from_fn(|_| Off::default());
+            let mut variants: [Off; VARIANTS.len()] = std::array::from_fn(|_| Off::default());
+            let mut expected = [0.0; VARIANTS.len()];
             for object in objects() {
-                compare(kind, &kind.contact(object, depth_mm), &flat, &mut all);
+                let contact = kind.contact(object, depth_mm);
+                compare(kind, &contact, &flat, &mut light, &mut variants);
+                for (sum, (_, variant)) in expected.iter_mut().zip(VARIANTS) {
+                    *sum += kind.expected(&contact, variant) / objects().count() as f64;
+                }
             }
-            let over_percent = 300.0 * all[3].over as f64 / all[3].count;
-            let [change, direct, mirror, full, no_mirror, no_bounce] = all.each_ref().map(Off::mean);
+            let over_percent = 300.0 * variants[0].over as f64 / variants[0].count;
+            let [change, direct, mirror] = light.each_ref().map(Off::mean);
+            let found = variants.each_ref().map(Off::mean);
+            let [all, no_mirror, no_bounce, ..] = found;
             println!(
-                "{:5} {depth_mm:3} mm: {change:5.1}; {direct:4.2}, {mirror:4.2}, {full:4.2} ({over_percent:.1} %); {no_mirror:4.2}, {no_bounce:4.2}",
+                "{:5} {depth_mm:3} mm: {change:5.1}; {direct:4.2}, {mirror:4.2}, {all:4.2} ({over_percent:.1} %); {no_mirror:4.2}, {no_bounce:4.2}",
                 kind.name
             );
-            assert!(direct < bounds.direct && full < bounds.all, "{direct} {full}");
+            assert!(direct < bounds.direct && all < bounds.all, "{direct} {all}");
             assert!(
-                no_mirror > 1.6 * full && no_bounce > full,
+                no_mirror > 1.6 * all && no_bounce > all,
                 "each effect is worth something: {no_mirror} {no_bounce}"
             );
+            for ((name, _), (found, expected)) in VARIANTS.iter().zip(found.iter().zip(expected)) {
+                println!("    {name}: {found:.1}, expected {expected:.1}");
+                let ratio = expected / found;
+                assert!((0.5..2.0).contains(&ratio), "{name}: {found} levels, {expected} were expected");
+            }
         }
     }
 }
 
-/// Adds up what the press changes, and how far the model is off: direct light, light with the mirror, all light; and all
-/// light without the mirror and without the bounce.
-fn compare(kind: &Kind, contact: &Contact, flat: &Grid<Ways>, all: &mut [Off; 6]) {
+/// Adds up what the press changes, and how far direct light and light with the mirror are off; and how far all light
+/// is off by each variant.
+fn compare(
+    kind: &Kind,
+    contact: &Contact,
+    flat: &Grid<Ways>,
+    light: &mut [Off; 3],
+    variants: &mut [Off; VARIANTS.len()],
+) {
     let traced = kind.traced(contact);
-    let modelled = |(window, coat)| kind.modelled(contact, window, coat);
-    let [direct, mirror, full, bounce] = [(false, false), (true, false), (true, true), (false, true)].map(modelled);
+    let modelled = |variant| kind.modelled(contact, variant);
+    let [direct, mirror] = [DIRECT, Variant { coat: false, ..ALL }].map(modelled);
+    let of_variants = VARIANTS.map(|(_, variant)| modelled(variant));
     let reach = (AROUND_MM / 0.06) as usize;
     for (number, (ways, rest)) in traced.data.iter().zip(&flat.data).enumerate() {
         let [x, y] = [number % traced.width, number / traced.width].map(|at| at * STRIDE + STRIDE / 2);
@@ -271,15 +329,9 @@ fn compare(kind: &Kind, contact: &Contact, flat: &Grid<Ways>, all: &mut [Off; 6]
         let by_leds = levels(&|ways| ways.direct);
         let with_mirror = levels(&|ways| std::array::from_fn(|k| ways.direct[k] + ways.mirrored[k]));
         let at = y * contact.mask.width + x;
-        let pairs = [
-            ([0.0; 3], all_light),
-            (direct[at], by_leds),
-            (mirror[at], with_mirror),
-            (full[at], all_light),
-            (bounce[at], all_light),
-            (mirror[at], all_light),
-        ];
-        all.iter_mut().zip(pairs).for_each(|(off, (found, traced))| off.add(found, traced));
+        let pairs = [([0.0; 3], all_light), (direct[at], by_leds), (mirror[at], with_mirror)];
+        light.iter_mut().zip(pairs).for_each(|(off, (found, traced))| off.add(found, traced));
+        variants.iter_mut().zip(&of_variants).for_each(|(off, found)| off.add(found[at], all_light));
     }
 }
 
@@ -353,4 +405,50 @@ fn a_bowl_throws_even_light_at_itself() {
     }
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     assert!(all.len() > 150 && (mean - 1.0).abs() < 0.02, "{mean} of what is expected");
+}
+
+/// Runs with `GELSIM_MITSUBA` in the environment: a Python that has Mitsuba 3.
+#[test]
+fn the_traced_paths_are_those_of_mitsuba() {
+    let Ok(python) = std::env::var("GELSIM_MITSUBA") else {
+        println!("skipped: GELSIM_MITSUBA is to name a Python that has Mitsuba 3 (pip install mitsuba)");
+        return;
+    };
+    let [mini, ..] = Kind::all();
+    let view = View { resolution_px: [80, 60], mm_per_px: [0.1; 2] };
+    // A ring: its inside throws light at itself.
+    let contact = contact_of(&view, |[x, y]| 0.9 * (-((x - 0.5).hypot(y + 0.3) - 1.8).powi(2)).exp());
+    let coat = mini.sensor.coat.expect("kinds have a coat");
+    let scene = Scene::new(&mini.sensor.led, mini.sensor.window, coat.albedo, mini.phong, view, &contact.surface);
+    let folder = tempfile::tempdir().expect("a folder");
+    let [file, light] = ["scene.json", "light.json"].map(|name| folder.path().join(name));
+    std::fs::write(&file, scene.describe().to_string()).expect("written");
+    let script = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/oracle/mitsuba_light.py");
+    let run = std::process::Command::new(python).args([&script, &file, &light]).output().expect("Python runs");
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let theirs: serde_json::Value = serde_json::from_slice(&std::fs::read(light).expect("written")).expect("JSON");
+    let ours = scene.trace(1, 500, 1);
+    // Means of blocks of 10 x 10 pixels: Mitsuba's paths meet the LEDs in the window by chance.
+    let levels = |of: &dyn Fn(&Ways) -> [f64; 3], name: &str| {
+        let theirs = theirs[name].as_array().expect("pixels");
+        let mut blocks = vec![[[0.0; 3]; 2]; 8 * 6];
+        for (number, (ways, theirs)) in ours.data.iter().zip(theirs).enumerate() {
+            let block = &mut blocks[number / 80 / 10 * 8 + number % 80 / 10];
+            for (k, ours) in of(ways).into_iter().enumerate() {
+                block[0][k] += 255.0 / 100.0 * ours;
+                block[1][k] += 255.0 / 100.0 * theirs[k].as_f64().expect("a number");
+            }
+        }
+        let mut off = Off::default();
+        blocks.iter().for_each(|[ours, theirs]| off.add(*ours, *theirs));
+        let [ours, theirs] = [0, 1].map(|whose| blocks.iter().flat_map(|block| block[whose]).sum::<f64>());
+        println!("{name}: {:.2} levels on the mean, {:.4} of Mitsuba's light", off.mean(), ours / theirs);
+        (off.mean(), ours / theirs)
+    };
+    let (direct, of_direct) = levels(&|ways| ways.direct, "direct");
+    let (mirrored, of_mirrored) = levels(&|ways| ways.mirrored, "mirrored");
+    let (bounced, of_bounced) = levels(&|ways| ways.bounced, "bounced");
+    assert!(direct < 0.5 && (of_direct - 1.0).abs() < 0.003, "{direct} {of_direct}");
+    assert!(mirrored < 3.0 && (of_mirrored - 1.0).abs() < 0.04, "{mirrored} {of_mirrored}");
+    assert!(bounced < 1.0 && (of_bounced - 1.0).abs() < 0.03, "{bounced} {of_bounced}");
 }

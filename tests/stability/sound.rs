@@ -15,7 +15,7 @@ use std::time::Duration;
 use exr::prelude::{ReadChannels, ReadLayers};
 use gelsim_core::base::grid::{Rect, bounding_box};
 use gelsim_core::base::view::SURFACE_BORDER;
-use gelsim_core::gelpad::Pad;
+use gelsim_core::gelpad::{Pad, Theory};
 use gelsim_core::optics::normals::surface_normals;
 use gelsim_dataset::archive::Member;
 use gelsim_dataset::encode;
@@ -106,6 +106,10 @@ pub fn check(plan: &Plan) -> Result<Figures, String> {
     let members = encode::encode_members(plan, &sample);
     for member in &members {
         decodes(member, plan, &sample).map_err(|text| format!("{}: {text}", member.suffix))?;
+    }
+    // Rubber takes a hundred times as long; that its bits are the same is tested by itself.
+    if sample.impression.contact.numerics.theory == Theory::FiniteStrain && !crate::thorough() {
+        return Ok(figures);
     }
     let again = encode::encode_members(plan, &render(plan, 0));
     ensure!(again.len() == members.len(), "another set of members the second time");

@@ -159,6 +159,8 @@ fn through_camera(light: &[f64], plan: &Plan, shot: &CameraParams) -> Vec<f64> {
 
 #[test]
 fn the_camera_makes_the_image_from_the_light_at_every_level() {
+    // Finite strain has the light and the camera of `reference`.
+    let (_, levels) = Fidelity::ALL.split_last().expect("there are levels");
     for (camera, bound) in [
         ("", 1e-3),
         ("camera.defocus_mm = 0.3\n", 1e-2),
@@ -170,7 +172,7 @@ fn the_camera_makes_the_image_from_the_light_at_every_level() {
             1e-2,
         ),
     ] {
-        for level in Fidelity::ALL {
+        for &level in levels {
             let more = format!("sensor.field_of_view_mm = [20.0, 12.0]\n{camera}");
             let setting = Setting { object: "gear", level, more: &more, ..Setting::default() };
             let plan = setting.plan(&GENERIC).with_policy(EffectPolicy::All);

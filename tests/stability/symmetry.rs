@@ -158,9 +158,13 @@ fn a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is() {
     let views = [([64, 48], [16.0, 12.0]), ([63, 49], [15.75, 12.25]), ([61, 45], [15.25, 13.5])];
     for level in Fidelity::ALL {
         let (mut compared, mut most) = (0, (0.0_f64, 0));
+        // Rubber takes a hundred times as long.
+        let few = level == Fidelity::FiniteStrain && !crate::thorough();
+        let cases = objects.iter().flat_map(|object| ["", everything].map(|extras| (object, extras)));
+        let cases: Vec<_> = cases.take(if few { 1 } else { 2 * objects.len() }).collect();
         for (size_px, view_mm) in views {
             let scene = Scene { size_px, view_mm, ..STRAIGHT };
-            for (object, extras) in objects.iter().flat_map(|object| ["", everything].map(|extras| (object, extras))) {
+            for &(object, extras) in &cases {
                 let plan = scene.plan(object, level, extras);
                 let even = lies_evenly(size_px, level);
                 let straight = render(&plan, 0);
@@ -184,6 +188,6 @@ fn a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is() {
             }
         }
         println!("{level:?}: {compared} pairs differ by up to {:.4} um and {} levels", most.0, most.1);
-        assert!(compared >= 12 + 8, "{level:?}: {compared} pairs");
+        assert!(compared >= 5 * cases.len(), "{level:?}: {compared} pairs");
     }
 }

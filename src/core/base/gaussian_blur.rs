@@ -177,29 +177,15 @@ impl BlurredRows {
     }
 }
 
-/// Numbers that are summed at a time: they stay in registers.
-const BLOCK: usize = 32;
-
 /// Computes the weighted sum of a line and of the pairs of lines to its sides.
 #[inline(always)]
 fn sum_weighted_lines(weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
-    let whole = out.len() - out.len() % BLOCK;
-    for start in (0..whole).step_by(BLOCK) {
-        let mut sums: [f32; BLOCK] = std::array::from_fn(|i| weights[0] * middle[start + i]);
-        for (weight, [before, after]) in weights[1..].iter().zip(sides) {
-            let (before, after) = (&before[start..][..BLOCK], &after[start..][..BLOCK]);
-            for i in 0..BLOCK {
-                sums[i] += weight * (before[i] + after[i]);
-            }
-        }
-        out[start..][..BLOCK].copy_from_slice(&sums);
-    }
-    let rest = &mut out[whole..];
-    for (sum, middle) in rest.iter_mut().zip(&middle[whole..]) {
+    for (sum, middle) in out.iter_mut().zip(middle) {
         *sum = weights[0] * middle;
     }
+    // Sums stay in memory: the compiler would keep those of a block as single numbers.
     for (weight, [before, after]) in weights[1..].iter().zip(sides) {
-        for ((sum, before), after) in rest.iter_mut().zip(&before[whole..]).zip(&after[whole..]) {
+        for ((sum, before), after) in out.iter_mut().zip(*before).zip(*after) {
             *sum += weight * (before + after);
         }
     }

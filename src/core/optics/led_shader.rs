@@ -13,7 +13,8 @@ use super::led::PlacedLed;
 use super::light_pattern::LightColor;
 use super::near_light::bounce::hidden_sky;
 use super::near_light::field::LightField;
-use super::near_light::{Hidden, NearLights, Needs};
+use super::near_light::visible::Hidden;
+use super::near_light::{NearLights, Needs};
 use super::phong::{Equation, Phong, Shadows};
 use super::residual::{self, LightResidual, Planes};
 use super::shadow::casting::ShadowCasting;
@@ -311,21 +312,24 @@ impl LedShader {
         if reached.is_empty() {
             return (reached, PressLight::default());
         }
+        let coarse_shape = self.relief.as_ref().map(|_| near.subsample(shape));
+        let coarse_shape = coarse_shape.as_ref().unwrap_or(&coarse);
         let hidden = match shadows || bounce {
             true => {
                 let finding = if shadows { Effect::Shadows } else { Effect::Bounce };
                 let horizons = effects.run_timed(finding, || near.find_horizons(&coarse, reached, needs));
                 let visible =
-                    shadows.then(|| effects.run_timed(Effect::Shadows, || near.find_visible(shape, &horizons)));
+                    shadows.then(|| effects.run_timed(Effect::Shadows, || near.find_visible(coarse_shape, &horizons)));
                 let sky = bounce.then(|| effects.run_timed(Effect::Bounce, || hidden_sky(&horizons)));
-                Hidden::new(horizons.part, visible.unwrap_or_default(), sky.unwrap_or_default())
+                Hidden { part: horizons.part, visible: visible.unwrap_or_default(), sky: sky.unwrap_or_default() }
             }
             false => Hidden::default(),
         };
         let region = if everywhere { whole } else { bent.union(near.hidden_region(&hidden).intersection(reached)) };
-        let mut leds = effects.run_timed(Effect::Shading, || near.direct_light(shape, region, needs, &hidden));
+        let mut leds = effects.run_timed(Effect::Shading, || near.direct_light(coarse_shape, region, needs, &hidden));
         if mirror {
-            effects.run_timed(Effect::Mirror, || near.add_mirrored_light(shape, region, needs, &hidden, &mut leds));
+            effects
+                .run_timed(Effect::Mirror, || near.add_mirrored_light(coarse_shape, region, needs, &hidden, &mut leds));
         }
         let bounced = bounce
             .then(|| effects.run_timed(Effect::Bounce, || near.bounced_light(shape, region, needs, &hidden, &leds)));

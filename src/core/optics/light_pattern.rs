@@ -70,12 +70,32 @@ impl LightColor {
         }
     }
 
-    /// Computes it at a place, x and y from -1 to 1.
+    /// Adds to each channel's row at y this colour times what a row gains over `flat`. `columns` are the places along
+    /// the row, x and y from -1 to 1.
     #[inline(always)]
-    pub fn at(&self, [x, y]: [f32; 2]) -> [f32; 3] {
+    pub fn add_to_row(&self, gain: &[f32], flat: f32, columns: &[f32], y: f32, [red, green, blue]: [&mut [f32]; 3]) {
+        let width = gain.len();
+        let (red, green, blue, columns) =
+            (&mut red[..width], &mut green[..width], &mut blue[..width], &columns[..width]);
         match &self.terms {
-            None => self.even,
-            Some(terms) => terms.each_ref().map(|terms| along_row(terms, y).at(x)),
+            None => {
+                let color = self.even;
+                for x in 0..width {
+                    let gain = gain[x] - flat;
+                    red[x] += gain * color[0];
+                    green[x] += gain * color[1];
+                    blue[x] += gain * color[2];
+                }
+            }
+            Some(terms) => {
+                let [of_red, of_green, of_blue] = terms.each_ref().map(|terms| along_row(terms, y));
+                for x in 0..width {
+                    let (gain, at) = (gain[x] - flat, columns[x]);
+                    red[x] += gain * of_red.at(at);
+                    green[x] += gain * of_green.at(at);
+                    blue[x] += gain * of_blue.at(at);
+                }
+            }
         }
     }
 }

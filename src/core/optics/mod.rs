@@ -15,6 +15,7 @@ mod heat;
 pub mod lamps;
 pub mod led;
 mod led_shader;
+pub mod light_error;
 pub mod light_pattern;
 pub mod near_light;
 pub mod normals;

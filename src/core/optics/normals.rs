@@ -48,3 +48,30 @@ pub(super) fn fill_row_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rec
         (nx[x], ny[x], nz[x]) = (fx * inverse, fy * inverse, -inverse);
     }
 }
+
+/// Computes the normals at `count` pixels along a row of a surface, `spacing` pixels apart from pixel `first` on. Its
+/// border is counted but not asked for.
+#[inline(always)]
+pub(super) fn fill_spaced_normals(
+    mm_per_px: [f64; 2],
+    shape: &Grid<f32>,
+    [first_x, y]: [usize; 2],
+    spacing: usize,
+    count: usize,
+    normals: &mut Normals,
+) {
+    let row = |y: usize| &shape.row(y)[first_x - SURFACE_BORDER..];
+    let (above, here, below) = (row(y - SURFACE_BORDER), row(y), row(y + SURFACE_BORDER));
+    let [per_slope_x, per_slope_y] = mm_per_px.map(|pixel_mm| (0.5 / pixel_mm) as f32);
+    let Normals { x: nx, y: ny, z: nz } = normals;
+    for plane in [&mut *nx, &mut *ny, &mut *nz] {
+        plane.resize(count, 0.0);
+    }
+    for k in 0..count {
+        let x = k * spacing;
+        let fx = (here[x] - here[x + 2 * SURFACE_BORDER]) * per_slope_x;
+        let fy = (above[x + SURFACE_BORDER] - below[x + SURFACE_BORDER]) * per_slope_y;
+        let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
+        (nx[k], ny[k], nz[k]) = (fx * inverse, fy * inverse, -inverse);
+    }
+}

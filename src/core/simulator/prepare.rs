@@ -1,6 +1,6 @@
 //! Prepares a sensor: computes what is the same in every press, or shares it with a simulator that has it already.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use crate::base::light::Light;
 use crate::camera::pins::Pins;
@@ -211,6 +211,7 @@ impl Simulator {
             models,
             policy,
             view,
+            light_error: OnceLock::new(),
             background,
             grain_noise: noise,
             drop_mm,

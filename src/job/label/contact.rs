@@ -103,6 +103,13 @@ pub struct NumericsLabel {
     /// optics were calibrated, 0 to 1; 0 without contact, or if the optics are not calibrated.
     #[serde(default)]
     pub light_outside_range: f64,
+    /// Expected mean error of the image within the contact and 1 mm around it due to what the model of the light leaves
+    /// out, grey levels, as a rule within a factor of two; 0 without contact, null if it is not known.
+    #[serde(default)]
+    pub light_error_levels: Option<f64>,
+    /// Why `light_error_levels` is null; empty if it is known.
+    #[serde(default)]
+    pub light_error_unknown: String,
 }
 
 /// The pad's markers, or the pins inside it, as far as they are in view.
@@ -143,6 +150,7 @@ impl ContactLabel {
 
 impl NumericsLabel {
     pub(super) fn from_contact(plan: &Plan, scene: &Scene, contact: &Contact, thickness_mm: f64) -> Self {
+        let light_error = plan.simulator.light_error();
         Self {
             converged: contact.numerics.converged,
             iterations: contact.numerics.iterations,
@@ -156,6 +164,8 @@ impl NumericsLabel {
             strain_iterations: contact.numerics.strain_iterations,
             strain_residual_um: contact.numerics.strain_residual_um,
             light_outside_range: plan.simulator.shader().extrapolated_fraction(contact),
+            light_error_levels: light_error.ok().map(|error| error.levels(contact, plan.simulator.view())),
+            light_error_unknown: light_error.err().unwrap_or_default().to_owned(),
         }
     }
 }

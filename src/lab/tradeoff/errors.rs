@@ -23,6 +23,8 @@ pub struct SampleErrors {
     model_rms_um: Option<f64>,
     /// Intersection over union of the contact masks; None if neither touches.
     contact_iou: Option<f64>,
+    /// What the model of the light is expected to leave out, grey levels; None without contact, or if it is not known.
+    light_levels: Option<f64>,
 }
 
 impl SampleErrors {
@@ -49,6 +51,7 @@ impl SampleErrors {
             image_ssim: image::ssim(&image.rgb, &exact_image.rgb, image.width, image.height),
             area: fraction(contact.area_mm2, exact_contact.area_mm2),
             force: contact.force_n.zip(exact_contact.force_n).and_then(|(own, exact)| fraction(own, exact)),
+            light_levels: sample.label.numerics.light_error_levels.filter(|_| sample.label.contact.in_contact),
             contact_iou: image::mask_iou(&sample.impression.contact.mask, &exact.impression.contact.mask),
         }
     }
@@ -62,6 +65,9 @@ pub struct MeanErrors {
     pub height_rms_um: f64,
     /// Largest height error, um.
     pub height_max_um: f64,
+    /// Error of the image in the contact and 1 mm around it due to what the model of the light leaves out, as labels
+    /// expect it, grey levels; None if it is not known.
+    pub light_error_levels: Option<f64>,
     /// Angle between the normals in the contact and within 2 mm around it, degrees: mean.
     pub normal_mean_deg: f64,
     /// Angle between these normals, degrees: 95th percentile.
@@ -101,6 +107,7 @@ impl MeanErrors {
         Self {
             height_rms_um: height_square.sqrt(),
             height_max_um: errors.clone().map(|error| error.surface.height_max_um).fold(0.0, f64::max),
+            light_error_levels: some(&|error| error.light_levels),
             normal_mean_deg: known(&|error| Some(error.surface.near?.mean_deg)),
             normal_p95_deg: known(&|error| Some(error.surface.near?.p95_deg)),
             contact_normal_mean_deg: known(&|error| Some(error.surface.contact?.mean_deg)),

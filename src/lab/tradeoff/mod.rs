@@ -79,8 +79,23 @@ pub struct Tradeoff {
     pub tolerances: Vec<LevelRow>,
     /// Gelpad models that are no fidelity level.
     pub models: Vec<LevelRow>,
+    /// What the light of the reference level is expected to leave out, the most first.
+    pub light: Vec<LightLeftOut>,
+    /// Why that is not known; empty if it is.
+    pub light_unknown: String,
     /// The reference with one effect left out, for each effect.
     pub left_out: Vec<EffectAblation>,
+}
+
+/// A part of the light that a model leaves out.
+#[derive(Clone, Debug, Serialize)]
+pub struct LightLeftOut {
+    /// What is left out.
+    pub what: String,
+    /// Expected error of the image in the contact and 1 mm around it, grey levels, mean over the samples in contact.
+    pub levels: f64,
+    /// What a job writes so that it is computed; empty if nothing helps.
+    pub remedy: String,
 }
 
 /// A sample that has no measured total error.
@@ -262,8 +277,32 @@ pub fn measure_tradeoff(plan: &Plan, count: u64, progress: impl Fn(&str)) -> Tra
         grids,
         tolerances,
         models,
+        light: find_light_left_out(&exact, &reference.samples),
+        light_unknown: exact.simulator.light_error().err().unwrap_or_default().to_owned(),
         left_out,
     }
+}
+
+/// Returns what the light of a plan leaves out of these samples, the most first; nothing if that is not known.
+fn find_light_left_out(plan: &Plan, samples: &[Sample]) -> Vec<LightLeftOut> {
+    let Ok(error) = plan.simulator.light_error() else { return Vec::new() };
+    let touching: Vec<&Sample> = samples.iter().filter(|sample| sample.label.contact.in_contact).collect();
+    let mut left_out: Vec<LightLeftOut> = Vec::new();
+    for sample in &touching {
+        let by_cause = error.levels_by_cause(&sample.impression.contact, plan.simulator.view());
+        for (at, (cause, levels)) in by_cause.into_iter().enumerate() {
+            let levels = levels / touching.len() as f64;
+            match left_out.get_mut(at) {
+                Some(row) => row.levels += levels,
+                None => {
+                    let remedy = cause.remedy().unwrap_or_default().to_owned();
+                    left_out.push(LightLeftOut { what: cause.name().to_owned(), levels, remedy });
+                }
+            }
+        }
+    }
+    left_out.sort_by(|a, b| b.levels.total_cmp(&a.levels));
+    left_out
 }
 
 /// Returns a plan with the correction for large strains, if its gelpad model has one.

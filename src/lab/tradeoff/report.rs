@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::errors::MeanErrors;
-use super::{GridRow, LevelRow, Tradeoff};
+use super::{GridRow, LevelRow, LightLeftOut, Tradeoff};
 use crate::text_table::TextTable;
 use gelsim_core::fidelity::Fidelity;
 
@@ -24,6 +24,7 @@ fn csv_columns(row: &LevelRow) -> Vec<(&'static str, String)> {
         ("total_force_error_percent", maybe(row.total.as_ref().and_then(|total| total.force_error_percent))),
         ("height_rms_um", number(errors.height_rms_um)),
         ("height_max_um", number(errors.height_max_um)),
+        ("light_error_levels", maybe(errors.light_error_levels)),
         ("model_error_um", number(row.model_error_um)),
         ("model_rms_um", number(row.model_rms_um)),
         ("normal_mean_deg", number(errors.normal_mean_deg)),
@@ -91,6 +92,7 @@ pub fn to_text_table(tradeoff: &Tradeoff, columns: Option<usize>) -> String {
     if reference.is_some() {
         text += "\n";
     }
+    text += &format_light(tradeoff);
     text += &format_rows("solver tolerance", &tradeoff.tolerances, columns);
     text += &format_rows("other models", &tradeoff.models, columns);
     let mut left_out = TextTable::new(&[["effect left out", "samples", "image MAE", "image max", "CPU ms"]]);
@@ -120,6 +122,22 @@ fn format_without_truth(tradeoff: &Tradeoff) -> String {
     format!("{without} of {all} samples have no truth: {}\n\n", reasons.join("; "))
 }
 
+/// Formats what the light of the reference level is expected to leave out, and what would compute it.
+fn format_light(tradeoff: &Tradeoff) -> String {
+    if !tradeoff.light_unknown.is_empty() {
+        return format!("the error of the light is not known: {}\n\n", tradeoff.light_unknown);
+    }
+    if tradeoff.light.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from("light left out, grey levels in the contact and 1 mm around it, as expected:\n");
+    for LightLeftOut { what, levels, remedy } in &tradeoff.light {
+        let remedy = if remedy.is_empty() { String::new() } else { format!(": {remedy}") };
+        text += &format!("{levels:7.2}  {what}{remedy}\n");
+    }
+    text + "\n"
+}
+
 /// A column of a table: two lines of its head, and what it says of a row.
 type Column = (&'static str, &'static str, fn(&LevelRow) -> String);
 
@@ -138,6 +156,7 @@ const EXPECTED: [Column; 2] = [
 const AGAINST_REFERENCE: [Column; 14] = [
     ("height", "RMS um", |row| format!("{:.3}", row.errors.height_rms_um)),
     ("height", "max um", |row| format!("{:.2}", row.errors.height_max_um)),
+    ("light", "levels", |row| optional(row.errors.light_error_levels)),
     ("contact", "deg", |row| format!("{:.3}", row.errors.contact_normal_mean_deg)),
     ("ring", "deg", |row| format!("{:.3}", row.errors.ring_normal_mean_deg)),
     ("image", "MAE", |row| format!("{:.3}", row.errors.image_mae)),
@@ -146,7 +165,6 @@ const AGAINST_REFERENCE: [Column; 14] = [
     ("area", "%", |row| optional(row.errors.area_error_percent)),
     ("force", "%", |row| optional(row.errors.force_error_percent)),
     ("mask", "IoU", |row| optional_share(row.errors.contact_iou_mean)),
-    ("mask", "worst", |row| optional_share(row.errors.contact_iou_worst)),
     ("CPU ms", "median", |row| format!("{:.2}", row.cpu_ms_median)),
     ("CPU ms", "p95", |row| format!("{:.2}", row.cpu_ms_p95)),
     ("best", "", |row| String::from(if row.pareto { "*" } else { "" })),

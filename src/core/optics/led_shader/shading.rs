@@ -11,7 +11,7 @@ use super::{LedShader, Lights, RestReflection};
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::CoarseValues;
 use crate::optics::led::Normals;
-use crate::optics::light_pattern::{along_row, place_along};
+use crate::optics::light_pattern::place_along;
 use crate::optics::near_light::field::{LightField, LightVectors};
 use crate::optics::normals::fill_row_normals;
 use crate::optics::phong::{WithPower, run_with_power};
@@ -333,26 +333,7 @@ fn shade_row(
                 0.0
             }
         };
-        match &color.terms {
-            None => {
-                let color = color.even;
-                for x in 0..width {
-                    let gain = gain[x] - flat;
-                    red[x] += gain * color[0];
-                    green[x] += gain * color[1];
-                    blue[x] += gain * color[2];
-                }
-            }
-            Some(terms) => {
-                let [of_red, of_green, of_blue] = terms.each_ref().map(|terms| along_row(terms, place));
-                for x in 0..width {
-                    let (gain, at) = (gain[x] - flat, columns[x]);
-                    red[x] += gain * of_red.at(at);
-                    green[x] += gain * of_green.at(at);
-                    blue[x] += gain * of_blue.at(at);
-                }
-            }
-        }
+        color.add_to_row(gain, flat, columns, place, [&mut *red, &mut *green, &mut *blue]);
     }
     for (channel, out) in [&mut *red, &mut *green, &mut *blue].into_iter().enumerate() {
         if let Some(bounced) = lit.field.and_then(|field| field.bounced(channel)) {

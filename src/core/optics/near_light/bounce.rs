@@ -41,7 +41,7 @@ pub(crate) fn hidden_sky(horizons: &Horizons) -> Vec<f32> {
     let least = hidden_share(FLATTEST_SLOPE);
     horizons.mean_over_azimuths(
         #[inline(always)]
-        |slope| if slope > FLATTEST_SLOPE { hidden_share(slope) - least } else { 0.0 },
+        |slope| hidden_share(slope.max(FLATTEST_SLOPE)) - least,
     )
 }
 

@@ -13,7 +13,7 @@
 use super::coarse::CoarseGrid;
 use super::led::{Led, Normals};
 use super::light_pattern::place_along;
-use super::normals::fill_row_normals;
+use super::normals::fill_spaced_normals;
 use super::phong::{Phong, Shadows};
 use super::shadow::SteepestSlopes;
 use crate::base::grid::{Grid, Rect, Resolution};
@@ -23,17 +23,19 @@ use bounce::Coat;
 use field::{LightField, LightPlanes};
 use horizons::Horizons;
 use points::{LightPoint, NearLed, PointRows};
+use visible::{Hidden, VisibleShares};
 use window::{ReflectedShares, Window};
 
 pub mod bounce;
 pub(crate) mod field;
 pub(crate) mod horizons;
 pub(crate) mod points;
+pub(crate) mod visible;
 pub mod window;
 
 /// Half the range of slopes over which a shadow's border is softened, for each mm between points of the grid: nearer
 /// obstacles are not resolved.
-const BLUR_PER_MM: f64 = 0.32;
+const BLUR_PER_MM: f64 = 0.16;
 /// Slopes of the lowest light that casts shadows: what stands lower would shadow the whole pad.
 const LOWEST_SLOPE: f64 = 0.01;
 
@@ -65,29 +67,6 @@ pub(crate) struct Needs {
 impl Default for Needs {
     fn default() -> Self {
         Self { shadows: false, bounce: false, flattest: f32::INFINITY, reach_mm: 0.0 }
-    }
-}
-
-/// What the surface hides.
-#[derive(Default)]
-pub(crate) struct Hidden {
-    /// The part of the grid that the lists are for.
-    part: Rect,
-    /// The share of each point that is seen; empty where all of it is. The list is empty without shadows.
-    visible: Vec<Vec<f32>>,
-    /// The share of the sky that is hidden; empty without a bounce.
-    sky: Vec<f32>,
-}
-
-impl Hidden {
-    /// Gathers what the surface hides.
-    pub fn new(part: Rect, visible: Vec<Vec<f32>>, sky: Vec<f32>) -> Self {
-        Self { part, visible, sky }
-    }
-
-    /// Returns the index of a place of the grid in the lists.
-    fn index(&self, [x, y]: [usize; 2]) -> usize {
-        (y - self.part.y0) * self.part.width() + x - self.part.x0
     }
 }
 
@@ -212,87 +191,18 @@ impl NearLights {
         part.grown(if needs.bounce { bounce::radius_px(self.pixel_mm) } else { 0 }, inner_width, inner_height)
     }
 
-    /// Finds which share of each point the places of the horizons' part see. The surface has this `shape`, which may
-    /// contain the relief of the pad.
-    pub fn find_visible(&self, shape: &Grid<f32>, horizons: &Horizons) -> Vec<Vec<f32>> {
-        let part = horizons.part;
-        let (columns_mm, blur) = (self.columns_mm(part), self.blur() as f32);
-        let (width, mut rows) = (part.width(), PointRows::default());
-        let segments = self.segments_that_rise(shape, horizons);
-        let mut of_point = |point: &LightPoint| {
-            let mut shares = Vec::new();
-            let [at_x, at_y, at_z] = point.at_mm;
-            for segment in &segments {
-                let Segment { y, first, end, steepest, highest_mm } = *segment;
-                let (heights, y_mm) = self.grid_row(shape, part, y);
-                let columns_mm = &columns_mm[first..end];
-                // From nowhere in the segment does the point stand lower than this.
-                let across_mm = (at_x - columns_mm[0]).abs().max((at_x - columns_mm[end - first - 1]).abs());
-                let dy = at_y - y_mm;
-                let across_mm = (across_mm * across_mm + dy * dy).sqrt();
-                let lowest_mm = -at_z - highest_mm - point.half_height_mm;
-                if lowest_mm >= (steepest + blur) * across_mm * 1.000_01 {
-                    continue;
-                }
-                let highest = &horizons.highest_row(y)[first..end];
-                rows.fill(point, columns_mm, y_mm, &heights[first * self.grid.factor..], self.grid.factor);
-                for x in 0..end - first {
-                    let ([to_x, to_y, to_z], inverse) = ([rows.x[x], rows.y[x], rows.z[x]], rows.weight[x]);
-                    let across = (to_x * to_x + to_y * to_y).sqrt();
-                    // The slope of a point is that of the middle of an LED; it spans as much as it is high. What stands
-                    // lower than any horizon counts as standing just above it, so that a flat pad sees it.
-                    let half = blur * across + point.half_height_mm * inverse;
-                    let up = (-to_z).max(horizons.flattest * across + half);
-                    if up >= highest[x] * across + half {
-                        continue;
-                    }
-                    let horizon = horizons.slope_towards([first + x, y], [to_x, to_y]);
-                    let t = (0.5 + 0.5 * (up - horizon * across) / half).clamp(0.0, 1.0);
-                    if t < 1.0 {
-                        if shares.is_empty() {
-                            shares.resize(part.area(), 1.0);
-                        }
-                        shares[y * width + first + x] = t * t * (3.0 - 2.0 * t);
-                    }
-                }
-            }
-            shares
-        };
-        self.leds.iter().flat_map(|led| &led.points).map(&mut of_point).collect()
-    }
-
-    /// Returns the segments of the horizons' rows in which anything stands up around some point.
-    fn segments_that_rise(&self, shape: &Grid<f32>, horizons: &Horizons) -> Vec<Segment> {
-        let (part, mut segments) = (horizons.part, Vec::new());
-        for y in 0..part.height() {
-            let (highest, (heights, _)) = (horizons.highest_row(y), self.grid_row(shape, part, y));
-            for first in (0..part.width()).step_by(SEGMENT) {
-                let end = (first + SEGMENT).min(part.width());
-                let steepest = highest[first..end].iter().copied().fold(f32::MIN, f32::max);
-                if steepest > horizons.flattest {
-                    let places = heights.iter().skip(first * self.grid.factor).step_by(self.grid.factor);
-                    let highest_mm = places.take(end - first).copied().fold(f32::MIN, f32::max);
-                    segments.push(Segment { y, first, end, steepest, highest_mm });
-                }
-            }
-        }
-        segments
+    /// Finds which share of each point the places of the horizons' part see. The [subsampled](NearLights::subsample)
+    /// surface has this `shape`, which may contain the relief of the pad.
+    pub fn find_visible(&self, shape: &Grid<f32>, horizons: &Horizons) -> VisibleShares {
+        let columns_mm = self.columns_mm(horizons.part);
+        let segments = visible::segments_that_rise(horizons, &columns_mm, |y| self.grid_row(shape, horizons.part, y));
+        let points: Vec<&LightPoint> = self.leds.iter().flat_map(|led| &led.points).collect();
+        visible::find_visible_shares(&points, &segments, horizons, self.blur() as f32)
     }
 
     /// Returns the part of the view in which anything is hidden.
     pub fn hidden_region(&self, hidden: &Hidden) -> Rect {
-        let part = hidden.part;
-        let mut found = Rect::default();
-        let lists = hidden.visible.iter().map(|list| (list, 1.0)).chain([(&hidden.sky, 0.0)]);
-        for (list, nothing) in lists.filter(|(list, _)| !list.is_empty()) {
-            for (y, row) in list.chunks_exact(part.width()).enumerate() {
-                let first = row.iter().position(|share| *share != nothing);
-                let last = row.iter().rposition(|share| *share != nothing);
-                if let (Some(first), Some(last)) = (first, last) {
-                    found = found.union(Rect { x0: first, y0: y, x1: last + 1, y1: y + 1 });
-                }
-            }
-        }
+        let (part, found) = (hidden.part, hidden.extent());
         if found.is_empty() {
             return found;
         }
@@ -310,7 +220,7 @@ impl NearLights {
         }
     }
 
-    /// Computes the vectors of the LEDs' light on a surface of this `shape`, in a region.
+    /// Computes the vectors of the LEDs' light in a region of a subsampled surface of this `shape`.
     pub fn direct_light(&self, shape: &Grid<f32>, region: Rect, needs: Needs, hidden: &Hidden) -> Vec<LightPlanes> {
         let part = self.part_for_region(region, needs);
         let dark = || std::array::from_fn(|_| vec![0.0; part.area()]);
@@ -338,7 +248,7 @@ impl NearLights {
         let (mut rows, mut number) = (PointRows::default(), 0);
         for (led, vectors) in self.leds.iter().zip(leds) {
             for point in &led.points {
-                let seen = hidden.visible.get(number).filter(|seen| !seen.is_empty());
+                let seen = hidden.visible.points.get(number).filter(|seen| !seen.is_empty());
                 number += 1;
                 if point.is_mirrored != mirrored {
                     continue;
@@ -347,8 +257,8 @@ impl NearLights {
                     #[inline(always)]
                     || {
                         for y in 0..part.height() {
-                            let (heights, y_mm) = self.grid_row(shape, part, y);
-                            rows.fill(point, &columns_mm, y_mm, heights, self.grid.factor);
+                            let (heights_mm, y_mm) = self.grid_row(shape, part, y);
+                            rows.fill(point, &columns_mm, y_mm, heights_mm);
                             rows.weigh(point, reflected);
                             if let Some(seen) = seen {
                                 let row = &seen[hidden.index([part.x0, part.y0 + y])..][..width];
@@ -382,24 +292,35 @@ impl NearLights {
         let (width, factor) = (part.width(), self.grid.factor);
         let mut direct: LightPlanes = std::array::from_fn(|_| vec![0.0; part.area()]);
         let mut normals = Normals::default();
-        let [first_x, first_y] = self.first_pixel(part).map(|at| at - SURFACE_BORDER);
+        let mut lit = vec![0.0; width];
+        let [first_x, first_y] = self.first_pixel(part);
         let [view_width, view_height] = self.view.resolution_px;
-        let place = |[x, y]: [usize; 2]| [place_along(view_width, first_x + x), place_along(view_height, y)];
-        for y in 0..part.height() {
-            let row = first_y + y * factor;
-            let across = Rect { x0: first_x, y0: row, x1: first_x + (width - 1) * factor + 1, y1: row + 1 };
-            fill_row_normals(self.view.mm_per_px, shape, across, 0, &mut normals);
-            for (led, vectors) in self.leds.iter().zip(leds) {
-                for x in 0..width {
-                    let (at, pixel) = (y * width + x, x * factor);
-                    let [to_x, to_y, to_z] = vectors.each_ref().map(|plane| plane[at]);
-                    let along = normals.x[pixel] * to_x + normals.y[pixel] * to_y + normals.z[pixel] * to_z;
-                    for (plane, color) in direct.iter_mut().zip(led.color.at(place([pixel, row]))) {
-                        plane[at] += color * along.max(0.0);
+        let columns: Vec<f32> =
+            (0..width).map(|x| place_along(view_width, first_x + x * factor - SURFACE_BORDER)).collect();
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in 0..part.height() {
+                    let row = first_y + y * factor;
+                    fill_spaced_normals(self.view.mm_per_px, shape, [first_x, row], factor, width, &mut normals);
+                    for (led, vectors) in self.leds.iter().zip(leds) {
+                        let [to_x, to_y, to_z] = vectors.each_ref().map(|plane| &plane[y * width..][..width]);
+                        let (nx, ny, nz) = (&normals.x[..width], &normals.y[..width], &normals.z[..width]);
+                        for x in 0..width {
+                            lit[x] = (nx[x] * to_x[x] + ny[x] * to_y[x] + nz[x] * to_z[x]).max(0.0);
+                        }
+                        let planes = direct.each_mut().map(|plane| &mut plane[y * width..][..width]);
+                        led.color.add_to_row(
+                            &lit,
+                            0.0,
+                            &columns,
+                            place_along(view_height, row - SURFACE_BORDER),
+                            planes,
+                        );
                     }
                 }
-            }
-        }
+            },
+        );
         let rows = (part.y0..part.y1).map(|y| &hidden.sky[hidden.index([part.x0, y])..][..width]);
         let sky: Vec<f32> = rows.flatten().copied().collect();
         bounce::bounce(&direct, width, &sky, self.pixel_mm, self.albedo)
@@ -420,6 +341,7 @@ impl NearLights {
 
     /// Computes the light on a pad at rest.
     pub fn field_at_rest(&self, shape: &Grid<f32>) -> LightField {
+        let shape = &self.subsample(shape);
         let [width, height] = self.view.resolution_px;
         let (whole, needs) = (Rect::whole(width, height), Needs::default());
         let mut leds = self.direct_light(shape, whole, needs, &Hidden::default());
@@ -443,26 +365,13 @@ impl NearLights {
         (0..part.width()).map(|x| self.view.point_mm([at(x), 0.0])[0] as f32).collect()
     }
 
-    /// Returns the heights of a surface from the first place of row `y` of a part on, and where that row is, mm.
+    /// Returns the heights of a subsampled surface from the first place of row `y` of a part on, and where that row is,
+    /// mm.
     #[inline(always)]
     fn grid_row<'a>(&self, shape: &'a Grid<f32>, part: Rect, y: usize) -> (&'a [f32], f32) {
-        let [first_x, first_y] = self.first_pixel(part);
-        let row = first_y + y * self.grid.factor;
+        let row = self.first_pixel(part)[1] + y * self.grid.factor;
         let at = row as f64 + 0.5 - SURFACE_BORDER as f64;
-        (&shape.row(row)[first_x..], self.view.point_mm([0.0, at])[1] as f32)
+        let heights_mm = &shape.row(part.y0 + y + SURFACE_BORDER)[part.x0 + SURFACE_BORDER..][..part.width()];
+        (heights_mm, self.view.point_mm([0.0, at])[1] as f32)
     }
-}
-
-/// Places of a segment.
-const SEGMENT: usize = 16;
-
-/// Some places of a row of the grid.
-struct Segment {
-    y: usize,
-    first: usize,
-    end: usize,
-    /// The steepest of their horizons.
-    steepest: f32,
-    /// The highest of them, mm.
-    highest_mm: f32,
 }

@@ -11,6 +11,8 @@ const NEAREST_MM2: f32 = 1e-6;
 /// Widths, over the distance, from which a row is taken as two and as six points.
 const TWO_POINTS_FROM: f64 = 0.1;
 const SIX_POINTS_FROM: f64 = 0.4;
+/// Points of a row whose images in the window are taken as one: these stand further off, and high.
+const IMAGES_TOGETHER: usize = 3;
 
 /// A point that shines: part of an LED, or its image in the window.
 #[derive(Clone, Copy, Debug)]
@@ -33,6 +35,16 @@ impl LightPoint {
     /// Returns the most light that it sends anywhere at a distance, mm.
     pub fn strength_at_distance(&self, mm: f64) -> f64 {
         f64::from(self.full) / (mm * mm).max(f64::from(NEAREST_MM2))
+    }
+
+    /// Returns the unit vector to it from a point of the pad, and the inverse of its distance, 1/mm.
+    #[inline(always)]
+    pub fn seen_from(&self, [x, y]: [f32; 2], height_mm: f32) -> ([f32; 3], f32) {
+        let [at_x, at_y, at_z] = self.at_mm;
+        // Towards the camera, where the point is, z falls: a positive height brings the surface nearer to it.
+        let (dx, dy, dz) = (at_x - x, at_y - y, at_z + height_mm);
+        let inverse = 1.0 / (dx * dx + dy * dy + dz * dz).max(NEAREST_MM2).sqrt();
+        ([dx * inverse, dy * inverse, dz * inverse], inverse)
     }
 
     /// Returns the vector from a point of the undeformed pad to it, mm.
@@ -77,20 +89,23 @@ impl NearLed {
         };
         let places: Vec<[f64; 3]> = (0..count as usize).map(place).collect();
         let full = 1.0 / places.iter().map(|at| at_middle(*at)).sum::<f64>().max(f64::MIN_POSITIVE);
-        let point = |at: [f64; 3], aim: [f64; 3], is_mirrored| LightPoint {
-            at_mm: at.map(|mm| mm as f32),
+        // A point in the middle of some.
+        let point = |places: &[[f64; 3]], aim: [f64; 3], is_mirrored| LightPoint {
+            at_mm: std::array::from_fn(|k| (places.iter().map(|at| at[k]).sum::<f64>() / places.len() as f64) as f32),
             aim: aim.map(|v| v as f32),
             lobe: led.lobe as f32,
-            full: full as f32,
+            full: (full * places.len() as f64) as f32,
             half_height_mm: (0.5 * height_mm) as f32,
             is_mirrored,
         };
         let color = LightColor::new(led.color, led.intensity, led.pattern.as_deref());
         let with_images = |places: &[[f64; 3]]| {
-            let mut points: Vec<LightPoint> = places.iter().map(|at| point(*at, aim, false)).collect();
+            let mut points: Vec<LightPoint> = places.chunks(1).map(|at| point(at, aim, false)).collect();
             if let Some(window) = window {
-                let image = |[x, y, z]: [f64; 3]| [x, y, -2.0 * window.distance_mm - z];
-                points.extend(places.iter().map(|at| point(image(*at), [aim[0], aim[1], -aim[2]], true)));
+                let image = |[x, y, z]: &[f64; 3]| [*x, *y, -2.0 * window.distance_mm - z];
+                let images: Vec<[f64; 3]> = places.iter().map(image).collect();
+                let together = if places.len() >= IMAGES_TOGETHER { IMAGES_TOGETHER } else { 1 };
+                points.extend(images.chunks(together).map(|at| point(at, [aim[0], aim[1], -aim[2]], true)));
             }
             Self { color: color.clone(), points }
         };
@@ -109,25 +124,18 @@ pub(crate) struct PointRows {
 }
 
 impl PointRows {
-    /// Fills in the directions to a point, and the inverse of its distance as weights. Heights are `factor` apart.
+    /// Fills in the directions to a point, and the inverse of its distance as weights.
     #[inline(always)]
-    pub fn fill(&mut self, point: &LightPoint, columns_mm: &[f32], y_mm: f32, heights: &[f32], factor: usize) {
+    pub fn fill(&mut self, point: &LightPoint, columns_mm: &[f32], y_mm: f32, heights_mm: &[f32]) {
         let width = columns_mm.len();
         let Self { x, y, z, weight } = self;
         for plane in [&mut *x, &mut *y, &mut *z, &mut *weight] {
             plane.resize(width, 0.0);
         }
-        // Towards the camera, where the point is, z falls: a positive height brings the surface nearer to it.
-        let [at_x, at_y, at_z] = point.at_mm;
-        for (z, height) in z.iter_mut().zip(heights.iter().step_by(factor)) {
-            *z = at_z + height;
-        }
-        let dy = at_y - y_mm;
         let (x, y, z, weight) = (&mut x[..width], &mut y[..width], &mut z[..width], &mut weight[..width]);
+        let heights_mm = &heights_mm[..width];
         for k in 0..width {
-            let dx = at_x - columns_mm[k];
-            let inverse = 1.0 / (dx * dx + dy * dy + z[k] * z[k]).max(NEAREST_MM2).sqrt();
-            (x[k], y[k], z[k], weight[k]) = (dx * inverse, dy * inverse, z[k] * inverse, inverse);
+            ([x[k], y[k], z[k]], weight[k]) = point.seen_from([columns_mm[k], y_mm], heights_mm[k]);
         }
     }
 
