@@ -113,16 +113,17 @@ pub use gelsim_core::{
     camera::projection::{Fisheye, LensModel, Pinhole, Projection},
     depth::rest_surface::{Grain, RestSurface},
     gelpad::material::Material,
-    optics::LightSource,
     optics::background::{BackgroundImage, Pattern as BackgroundPattern, RenderedBackground},
     optics::calibrated::extrapolation::{CalibrationExtrapolation, CalibrationRange},
     optics::calibrated::{CalibrationColors, CalibrationTable, response::CalibrationResponse, taxim::TaximCalibration},
     optics::lamps::Lamp,
     optics::led::{Led, LedPlace},
+    optics::light_error::{Cause as LightErrorCause, LightError},
     optics::light_pattern::LightPattern,
     optics::near_light::bounce::Coat,
     optics::near_light::window::Window,
     optics::residual::LightResidual,
+    optics::{Illumination, LightSource},
     sensor::{Background, Markers, Sensor, SensorError},
 };
 #[doc(inline)]
