@@ -12,6 +12,7 @@ use gelsim_core::optics::led::Led;
 use gelsim_core::optics::light_error::LightError;
 use gelsim_core::optics::near_light::bounce::Coat;
 use gelsim_core::optics::near_light::window::{Window, fresnel};
+use gelsim_core::optics::normals::surface_normals;
 use gelsim_core::optics::phong::{Phong, Shadows, SoftShadows};
 use gelsim_files::sensor::Sensor;
 use gelsim_job::sample::render;
@@ -60,6 +61,15 @@ const VARIANTS: [(&str, Variant); 7] = [
     ("direct light", DIRECT),
     ("phong", Variant { near: false, ..ALL }),
     ("phong, no shadows", Variant { near: false, shadows: false, ..ALL }),
+];
+
+/// Those that networks learn from.
+const LEARNT: [Variant; 5] = [
+    ALL,
+    Variant { coat: false, ..ALL },
+    Variant { window: false, ..ALL },
+    Variant { shadows: false, ..ALL },
+    Variant { near: false, ..ALL },
 ];
 
 /// A kind of sensor.
@@ -199,21 +209,18 @@ impl Kind {
         error.levels(contact, &camera_of(&sensor))
     }
 
-    fn traced(&self, contact: &Contact) -> Grid<Ways> {
+    fn traced(&self, contact: &Contact, stride: usize, paths: u32) -> Grid<Ways> {
         let coat = self.sensor.coat.expect("kinds have a coat");
         let view = camera_of(&self.sensor);
-        Scene::new(&self.sensor.led, self.sensor.window, coat.albedo, self.phong, view, &contact.surface).trace(
-            STRIDE,
-            paths(),
-            BOUNCES,
-        )
+        Scene::new(&self.sensor.led, self.sensor.window, coat.albedo, self.phong, view, &contact.surface)
+            .trace(stride, paths, BOUNCES)
     }
 
-    fn contact(&self, object: &str, depth_mm: f64) -> Contact {
+    fn contact(&self, object: &str, depth_mm: f64, yaw_deg: f64) -> Contact {
         let Sensor { resolution_px: [width, height], field_of_view_mm: [x, y], .. } = self.sensor;
         let plan = plan(&format!(
             "dataset = {{ name = 'light', samples = 1 }}\nfidelity = 'standard'\nindentation.depth_mm = {depth_mm}\n\
-             object = [{{ path = 'objects/{object}.obj' }}]\npose.yaw_deg = 20.0\n\
+             object = [{{ path = 'objects/{object}.obj' }}]\npose.yaw_deg = {yaw_deg}\n\
              sensor = {{ resolution_px = [{width}, {height}], field_of_view_mm = [{x}, {y}], gelpad_thickness_mm = 4.0 }}\n"
         ));
         // Traced at pixel centres: there light is compared.
@@ -266,13 +273,13 @@ fn light_is_that_of_traced_paths() {
         [Bounds { direct: 3.0, all: 6.4 }, Bounds { direct: 2.2, all: 4.8 }],
     ];
     for (kind, bounds) in Kind::all().iter().zip(bounds) {
-        let flat = kind.traced(&contact_of(&camera_of(&kind.sensor), |_| 0.0));
+        let flat = kind.traced(&contact_of(&camera_of(&kind.sensor), |_| 0.0), STRIDE, paths());
         for (depth_mm, bounds) in [1.0, 0.5].into_iter().zip(bounds) {
             let mut light: [Off; 3] = std::array::from_fn(|_| Off::default());
             let mut variants: [Off; VARIANTS.len()] = std::array::from_fn(|_| Off::default());
             let mut expected = [0.0; VARIANTS.len()];
             for object in objects() {
-                let contact = kind.contact(object, depth_mm);
+                let contact = kind.contact(object, depth_mm, 20.0);
                 compare(kind, &contact, &flat, &mut light, &mut variants);
                 for (sum, (_, variant)) in expected.iter_mut().zip(VARIANTS) {
                     *sum += kind.expected(&contact, variant) / objects().count() as f64;
@@ -309,16 +316,13 @@ fn compare(
     light: &mut [Off; 3],
     variants: &mut [Off; VARIANTS.len()],
 ) {
-    let traced = kind.traced(contact);
+    let traced = kind.traced(contact, STRIDE, paths());
     let modelled = |variant| kind.modelled(contact, variant);
     let [direct, mirror] = [DIRECT, Variant { coat: false, ..ALL }].map(modelled);
     let of_variants = VARIANTS.map(|(_, variant)| modelled(variant));
-    let reach = (AROUND_MM / 0.06) as usize;
     for (number, (ways, rest)) in traced.data.iter().zip(&flat.data).enumerate() {
         let [x, y] = [number % traced.width, number / traced.width].map(|at| at * STRIDE + STRIDE / 2);
-        let mut rows = y.saturating_sub(reach)..(y + reach + 1).min(contact.mask.height);
-        let columns = x.saturating_sub(reach)..(x + reach + 1).min(contact.mask.width);
-        if !rows.any(|y| contact.mask.row(y)[columns.clone()].iter().any(|value| *value > 0)) {
+        if !is_near_contact(contact, x, y) {
             continue;
         }
         let levels = |of: &dyn Fn(&Ways) -> [f64; 3]| -> [f64; 3] {
@@ -332,6 +336,58 @@ fn compare(
         let pairs = [([0.0; 3], all_light), (direct[at], by_leds), (mirror[at], with_mirror)];
         light.iter_mut().zip(pairs).for_each(|(off, (found, traced))| off.add(found, traced));
         variants.iter_mut().zip(&of_variants).for_each(|(off, found)| off.add(found[at], all_light));
+    }
+}
+
+/// True within the contact and the millimetre around it.
+fn is_near_contact(contact: &Contact, x: usize, y: usize) -> bool {
+    let reach = (AROUND_MM / 0.06) as usize;
+    let mut rows = y.saturating_sub(reach)..(y + reach + 1).min(contact.mask.height);
+    let columns = x.saturating_sub(reach)..(x + reach + 1).min(contact.mask.width);
+    rows.any(|y| contact.mask.row(y)[columns.clone()].iter().any(|value| *value > 0))
+}
+
+/// Writes what networks learn from and are tried on (`tests/transfer/light.py`) to the folder `GELSIM_LIGHT_PIXELS`.
+///
+/// A line of 24 numbers is a pixel: object, x and y from -1 to 1, normal x and y, height in mm, and the change of red,
+/// green and blue in levels as traced, and by each of [`LEARNT`].
+#[test]
+fn pixels_for_networks() {
+    let Ok(folder) = std::env::var("GELSIM_LIGHT_PIXELS") else {
+        println!("skipped: GELSIM_LIGHT_PIXELS is to name a folder");
+        return;
+    };
+    let stride = STRIDE / 2;
+    for kind in Kind::all().iter().take(2) {
+        let view = camera_of(&kind.sensor);
+        let flat = kind.traced(&contact_of(&view, |_| 0.0), stride, paths());
+        let mut text = String::new();
+        for (number, object) in OBJECTS.iter().enumerate() {
+            for (depth_mm, yaw_deg) in [(0.5, 20.0), (1.0, 110.0), (0.7, 245.0)] {
+                let contact = kind.contact(object, depth_mm, yaw_deg);
+                let traced = kind.traced(&contact, stride, paths());
+                let learnt = LEARNT.map(|variant| kind.modelled(&contact, variant));
+                let normals = surface_normals(&contact, &view);
+                for (place, (ways, rest)) in traced.data.iter().zip(&flat.data).enumerate() {
+                    let [x, y] = [place % traced.width, place / traced.width].map(|at| at * stride + stride / 2);
+                    if !is_near_contact(&contact, x, y) {
+                        continue;
+                    }
+                    let at = y * contact.mask.width + x;
+                    let along = |at: usize, size: usize| (2 * at + 1) as f64 / size as f64 - 1.0;
+                    let (all, rest) = (ways.all(), rest.all());
+                    let change: [f64; 3] = std::array::from_fn(|k| 255.0 * (all[k] - rest[k]));
+                    let height_mm = f64::from(contact.surface.at(x + 1, y + 1));
+                    let [nx, ny, _] = normals[at].map(f64::from);
+                    let first =
+                        [number as f64, along(x, contact.mask.width), along(y, contact.mask.height), nx, ny, height_mm];
+                    let numbers = first.into_iter().chain(change).chain(learnt.iter().flat_map(|found| found[at]));
+                    let words: Vec<String> = numbers.map(|number| format!("{number:.4}")).collect();
+                    text += &(words.join(" ") + "\n");
+                }
+            }
+        }
+        std::fs::write(std::path::Path::new(&folder).join(format!("{}.txt", kind.name)), text).expect("written");
     }
 }
 
