@@ -312,7 +312,7 @@ impl LedShader {
         if reached.is_empty() {
             return (reached, PressLight::default());
         }
-        let coarse_shape = self.relief.as_ref().map(|_| near.subsample(shape));
+        let coarse_shape = effects.run_timed(Effect::Shading, || self.relief.as_ref().map(|_| near.subsample(shape)));
         let coarse_shape = coarse_shape.as_ref().unwrap_or(&coarse);
         let hidden = match shadows || bounce {
             true => {

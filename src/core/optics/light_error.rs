@@ -9,29 +9,25 @@
 //! What the most complete model leaves out itself is a share of the change by the press, found on traced light
 //! (docs/explanation/light.md). Causes are independent of each other: squares are summed.
 
-use super::background::BackgroundImage;
 use super::led::Led;
-use super::led_shader::LedShader;
 use super::near_light::bounce::Coat;
-use super::near_light::window::Window;
+use super::near_light::window::{SILICONE_INDEX, Window};
 use super::phong::{Equation, Phong, Shadows, SoftShadows};
 use super::{Illumination, Model};
-use crate::base::grid::{Grid, Rect};
-use crate::base::light::Light;
-use crate::base::view::{SURFACE_BORDER, View};
-use crate::effects::{EffectLog, EffectPolicy};
-use crate::gelpad::{self, Contact, Numerics};
+use crate::base::grid::Grid;
+use crate::base::view::View;
+use crate::gelpad::Contact;
+use dents::{DentedPad, Lit};
+
+mod dents;
 
 /// Shell between gel and air where the sensor states no window, mm.
 const SHELL_MM: f64 = 4.0;
-const REFRACTIVE_INDEX: f64 = 1.41;
 /// Albedo where the sensor states none.
 const ALBEDO: f64 = 0.4;
 /// The share of the change that the most complete model leaves out: of diffuse light, and what a highlight adds.
 const LEFT_OUT: f64 = 0.055;
 const LEFT_OUT_BY_HIGHLIGHTS: f64 = 0.16;
-/// Pixels of the longer side of the view on which the dents are shaded.
-const LONG_SIDE_PX: f64 = 96.0;
 /// Slopes of the two sets of dents.
 const STEEPNESSES: [f64; 2] = [0.25, 0.75];
 /// What surrounds a contact, mm.
@@ -95,17 +91,19 @@ impl LightError {
             return Err("the light was fitted to pictures");
         }
         let near = matches!(model, Model::Led(_));
-        let [gentle, steep] = STEEPNESSES.map(|steepness| {
-            let scene = Scene::new(light, rest_levels, steepness);
-            (find_causes(&scene, phong, near, light), mean_sine_around(&scene.contact, &scene.view))
+        let [(gentle, few), (steep, many)] = STEEPNESSES.map(|steepness| {
+            let pad = DentedPad::new(light, rest_levels, steepness);
+            (mean_sine_around(&pad.contact, &pad.view), find_causes(&pad, phong, near, light))
         });
-        let through = |cause: Cause, levels: [f64; 2]| {
-            let [of_gentle, of_steep] = [levels[0] / gentle.1, levels[1] / steep.1];
-            let square = ((of_steep - of_gentle) / (steep.1 - gentle.1)).max(0.0);
-            (cause, [(of_gentle - square * gentle.1).max(0.0), square])
+        if !(0.0 < gentle && gentle < steep) {
+            return Err("the view is too narrow for the dents by which it is found");
+        }
+        let through = |cause: Cause, few: f64, many: f64| {
+            let square = ((many / steep - few / gentle) / (steep - gentle)).max(0.0);
+            (cause, [(few / gentle - square * gentle).max(0.0), square])
         };
-        let pairs = gentle.0.iter().zip(&steep.0);
-        Ok(Self { causes: pairs.map(|((cause, few), (_, many))| through(*cause, [*few, *many])).collect() })
+        let pairs = few.into_iter().zip(many);
+        Ok(Self { causes: pairs.map(|((cause, few), (_, many))| through(cause, few, many)).collect() })
     }
 
     /// Returns the levels that a press leaves out by each cause: means over the contact and the millimetre around it,
@@ -122,8 +120,8 @@ impl LightError {
 }
 
 /// Finds the levels that a model with these parameters leaves out on dents, by each cause.
-fn find_causes(scene: &Scene, phong: &Phong, near: bool, light: &Illumination) -> Vec<(Cause, f64)> {
-    let usual_window = Window { distance_mm: light.thickness_mm + SHELL_MM, refractive_index: REFRACTIVE_INDEX };
+fn find_causes(pad: &DentedPad, phong: &Phong, near: bool, light: &Illumination) -> Vec<(Cause, f64)> {
+    let usual_window = Window { distance_mm: light.thickness_mm + SHELL_MM, refractive_index: SILICONE_INDEX };
     let is_inside = |led: &Led| {
         let place = led.place();
         -place.direction[2] * place.distance_mm < usual_window.distance_mm
@@ -137,134 +135,27 @@ fn find_causes(scene: &Scene, phong: &Phong, near: bool, light: &Illumination) -
         coat: if light.coat.albedo > 0.0 { light.coat } else { Coat { albedo: ALBEDO } },
     };
     let unshadowed = Phong { shadows: Shadows::None, ..most.phong };
-    let full = scene.shade(light, most);
-    let lost = |without: Lit| scene.mean_difference(&full, &scene.shade(light, without));
+    let full = pad.shade(light, most);
+    let lost = |without: Lit| pad.mean_difference(&full, &pad.shade(light, without));
     let mut causes = Vec::new();
     if !near {
         let bare = Lit { phong: unshadowed, window: None, coat: Coat::default(), ..most };
-        let [near, distant] = [true, false].map(|near| scene.shade(light, Lit { near, ..bare }));
-        causes.push((Cause::Distance, scene.mean_difference(&near, &distant)));
+        let [near, distant] = [true, false].map(|near| pad.shade(light, Lit { near, ..bare }));
+        causes.push((Cause::Distance, pad.mean_difference(&near, &distant)));
     }
     if phong.shadows == Shadows::None {
         causes.push((Cause::Shadows, lost(Lit { phong: unshadowed, ..most })));
     }
-    if !near || light.window.is_none() {
+    if most.window.is_some() && (!near || light.window.is_none()) {
         causes.push((Cause::Mirror, lost(Lit { window: None, ..most })));
     }
     if !near || light.coat.albedo <= 0.0 {
         causes.push((Cause::Bounce, lost(Lit { coat: Coat::default(), ..most })));
     }
     let highlights = phong.specular / (phong.diffuse + phong.specular).max(f64::MIN_POSITIVE);
-    let change = scene.mean_difference(&full, &scene.untouched());
+    let change = pad.mean_difference(&full, &pad.untouched());
     causes.push((Cause::Remainder, change * (LEFT_OUT + LEFT_OUT_BY_HIGHLIGHTS * highlights)));
     causes
-}
-
-/// What lights the dents.
-#[derive(Clone, Copy)]
-struct Lit<'a> {
-    phong: Phong,
-    near: bool,
-    window: Option<&'a Window>,
-    coat: Coat,
-}
-
-/// Dents over a sensor's view.
-struct Scene {
-    view: View,
-    contact: Contact,
-    rest: BackgroundImage,
-}
-
-impl Scene {
-    fn new(light: &Illumination, rest_levels: [f64; 3], steepness: f64) -> Self {
-        let size_mm = light.field_of_view_mm;
-        let pixel_mm = size_mm[0].max(size_mm[1]) / LONG_SIDE_PX;
-        let resolution_px = size_mm.map(|mm| ((mm / pixel_mm) as usize).max(8));
-        let view = View { resolution_px, mm_per_px: std::array::from_fn(|k| size_mm[k] / resolution_px[k] as f64) };
-        let [width, height] = resolution_px;
-        let mut contact = gelpad::no_contact(width, height, None, Numerics::DIRECT);
-        let dents = Dents { size_mm, radius_mm: 0.1 * size_mm[0].min(size_mm[1]), steepness };
-        for y in 0..contact.surface.height {
-            for x in 0..contact.surface.width {
-                let at = [x, y].map(|at| at as f64 + 0.5 - SURFACE_BORDER as f64);
-                contact.surface.row_mut(y)[x] = dents.height_mm(view.point_mm(at)).0 as f32;
-            }
-        }
-        for y in 0..height {
-            for x in 0..width {
-                let place = view.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
-                contact.mask.row_mut(y)[x] = if dents.height_mm(place).1 { 255 } else { 0 };
-            }
-        }
-        contact.region = Rect::whole(contact.surface.width, contact.surface.height);
-        let levels = rest_levels.map(|level| level.clamp(0.0, 255.0) as u8);
-        let rest = BackgroundImage::new(width, height, levels.repeat(width * height));
-        Self { view, contact, rest }
-    }
-
-    fn shade(&self, light: &Illumination, Lit { phong, near, window, coat }: Lit<'_>) -> Light {
-        let light = Illumination { window, coat, is_photograph: false, ..*light };
-        let shader = LedShader::new(phong, near, &light, &self.view, None);
-        shader.shade(&self.contact, &self.rest, &mut EffectLog::new(EffectPolicy::All)).into_light()
-    }
-
-    fn untouched(&self) -> Light {
-        self.rest.light(Rect::whole(self.rest.width, self.rest.height))
-    }
-
-    /// Returns the mean difference of two lights in the contacts and around them, grey levels.
-    fn mean_difference(&self, a: &Light, b: &Light) -> f64 {
-        let (mut sum, mut count) = (0.0, 0);
-        for [x, y] in places_around(&self.contact.mask, &self.view) {
-            let at = y * self.view.resolution_px[0] + x;
-            sum += a.planes.iter().zip(&b.planes).map(|(a, b)| f64::from((a[at] - b[at]).abs())).sum::<f64>();
-            count += 3;
-        }
-        255.0 * sum / f64::from(count.max(1))
-    }
-}
-
-/// A ring in the middle of the view, and balls and punches around it, pressed in.
-struct Dents {
-    size_mm: [f64; 2],
-    /// Radius of the balls' contacts, mm.
-    radius_mm: f64,
-    /// The slope of the balls at the edges of their contacts.
-    steepness: f64,
-}
-
-/// What is pressed in.
-#[derive(Clone, Copy)]
-enum Kind {
-    Ball,
-    Punch,
-    Ring,
-}
-
-impl Dents {
-    const PLACES: [(Kind, [f64; 2]); 5] = [
-        (Kind::Ring, [0.0, 0.0]),
-        (Kind::Ball, [-0.25, -0.25]),
-        (Kind::Punch, [0.25, -0.25]),
-        (Kind::Punch, [-0.25, 0.25]),
-        (Kind::Ball, [0.25, 0.25]),
-    ];
-
-    /// Returns the height of the surface, mm, and whether something touches it there.
-    fn height_mm(&self, [x, y]: [f64; 2]) -> (f64, bool) {
-        let from = |(_, [u, v]): &(Kind, [f64; 2])| libm::hypot(x - u * self.size_mm[0], y - v * self.size_mm[1]);
-        let nearest = Self::PLACES.iter().min_by(|a, b| from(a).total_cmp(&from(b))).expect("there are places");
-        let (kind, off) = (nearest.0, from(nearest) / self.radius_mm);
-        // Over the radius: each ends as steeply as the rubber beside it begins.
-        let (height, touches) = match kind {
-            Kind::Ball if off < 1.0 => (1.0 - 0.5 * off * off, true),
-            Kind::Ball => (0.5 * libm::exp(2.0 - 2.0 * off), false),
-            Kind::Punch => (libm::exp(-5.0 * (off - 2.2).max(0.0)), off < 2.2),
-            Kind::Ring => (libm::exp(-5.0 * ((off - 1.0).abs() - 0.2).max(0.0)), (off - 1.0).abs() < 0.2),
-        };
-        (self.steepness * self.radius_mm * height, touches)
-    }
 }
 
 /// Returns the mean sine of the surface's slope over the contact and what surrounds it; 0 without a contact.
@@ -308,4 +199,34 @@ fn places_around(mask: &Grid<u8>, view: &View) -> Vec<[usize; 2]> {
         }
     }
     places
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_too_narrow_for_dents_is_said_to_be_unknown_and_others_are_known() {
+        let leds = [Led::default()];
+        let light = |field_of_view_mm| Illumination {
+            leds: &leds,
+            lamps: &[],
+            field_of_view_mm,
+            thickness_mm: 3.0,
+            is_photograph: false,
+            darkening: 0.0,
+            stray_light: None,
+            residual: None,
+            window: None,
+            coat: Coat::default(),
+        };
+        let find =
+            |field_of_view_mm| LightError::new(&Model::Phong(Phong::default()), &light(field_of_view_mm), [128.0; 3]);
+        assert!(find([1000.0, 0.1]).is_err_and(|why| why.contains("narrow")));
+        for size_mm in [[16.0, 12.0], [0.1, 0.08], [1e4, 1e4]] {
+            let known = find(size_mm).expect("dents fit");
+            assert!(known.causes.iter().all(|(_, levels)| levels.iter().all(|levels| levels.is_finite())), "{known:?}");
+            assert!(known.causes.iter().any(|(_, levels)| levels[0] + levels[1] > 0.0), "{known:?}");
+        }
+    }
 }

@@ -44,8 +44,7 @@ pub(super) fn fill_row_normals(mm_per_px: [f64; 2], shape: &Grid<f32>, part: Rec
     for x in 0..width {
         let fx = (left[x] - right[x]) * per_slope_x;
         let fy = (above[x] - below[x]) * per_slope_y;
-        let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
-        (nx[x], ny[x], nz[x]) = (fx * inverse, fy * inverse, -inverse);
+        [nx[x], ny[x], nz[x]] = unit_normal(fx, fy);
     }
 }
 
@@ -71,7 +70,13 @@ pub(super) fn fill_spaced_normals(
         let x = k * spacing;
         let fx = (here[x] - here[x + 2 * SURFACE_BORDER]) * per_slope_x;
         let fy = (above[x + SURFACE_BORDER] - below[x + SURFACE_BORDER]) * per_slope_y;
-        let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
-        (nx[k], ny[k], nz[k]) = (fx * inverse, fy * inverse, -inverse);
+        [nx[k], ny[k], nz[k]] = unit_normal(fx, fy);
     }
+}
+
+/// Returns the unit vector of (fx, fy, -1).
+#[inline(always)]
+fn unit_normal(fx: f32, fy: f32) -> [f32; 3] {
+    let inverse = 1.0 / (fx * fx + fy * fy + 1.0).sqrt();
+    [fx * inverse, fy * inverse, -inverse]
 }

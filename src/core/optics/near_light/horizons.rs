@@ -18,6 +18,8 @@ const INTERPOLATED_PX: f64 = 4.5;
 
 /// Columns and rows of the blocks in which the surface is searched.
 pub(crate) const BLOCK: usize = 16;
+// Windows and lanes are combined by halves of it.
+const _: () = assert!(BLOCK == 16);
 
 /// One more, to interpolate.
 const WIDER: usize = BLOCK + 1;
@@ -203,7 +205,7 @@ fn highest_in_windows(surface: &Grid<f32>) -> Grid<f32> {
     let (mut highest, width) = (surface.clone(), surface.width);
     let mut before = Vec::with_capacity(width);
     // Windows of 2, 4, 8, 16 and 17 pixels along a row, then along a column.
-    for shift in [1, 2, 4, 8, WIDER - 16] {
+    for shift in [1, 2, 4, 8, WIDER - BLOCK] {
         for y in 0..highest.height {
             let row = highest.row_mut(y);
             before.clear();
@@ -211,7 +213,7 @@ fn highest_in_windows(surface: &Grid<f32>) -> Grid<f32> {
             row.iter_mut().zip(before.iter().skip(shift)).for_each(|(height, other)| *height = height.max(*other));
         }
     }
-    for shift in [1, 2, 4, 8, WIDER - 16] {
+    for shift in [1, 2, 4, 8, WIDER - BLOCK] {
         for y in 0..highest.height.saturating_sub(shift) {
             let (rows, below) = highest.data.split_at_mut((y + shift) * width);
             let row = &mut rows[y * width..][..width];

@@ -26,9 +26,11 @@ pub struct Window {
     pub refractive_index: f64,
 }
 
-/// Silicone's.
+/// Refractive index of silicone over that of air.
+pub(crate) const SILICONE_INDEX: f64 = 1.41;
+
 fn default_refractive_index() -> f64 {
-    1.41
+    SILICONE_INDEX
 }
 
 /// Share of light that a window reflects, by the cosine of the angle at which the light meets it.
