@@ -15,6 +15,7 @@ use super::near_light::window::{SILICONE_INDEX, Window};
 use super::phong::{Equation, Phong, Shadows, SoftShadows};
 use super::{Illumination, Model};
 use crate::base::grid::Grid;
+use crate::base::light::Light;
 use crate::base::view::View;
 use crate::gelpad::Contact;
 use dents::{DentedPad, Lit};
@@ -91,19 +92,16 @@ impl LightError {
             return Err("the light was fitted to pictures");
         }
         let near = matches!(model, Model::Led(_));
-        let [(gentle, few), (steep, many)] = STEEPNESSES.map(|steepness| {
-            let pad = DentedPad::new(light, rest_levels, steepness);
-            (mean_sine_around(&pad.contact, &pad.view), find_causes(&pad, phong, near, light))
-        });
+        let pads = STEEPNESSES.map(|steepness| DentedPad::new(light, rest_levels, steepness));
+        let [gentle, steep] = pads.each_ref().map(|pad| mean_sine_around(&pad.contact, &pad.view));
         if !(0.0 < gentle && gentle < steep) {
             return Err("the view is too narrow for the dents by which it is found");
         }
-        let through = |cause: Cause, few: f64, many: f64| {
+        let through = |(cause, [few, many]): (Cause, [f64; 2])| {
             let square = ((many / steep - few / gentle) / (steep - gentle)).max(0.0);
             (cause, [(few / gentle - square * gentle).max(0.0), square])
         };
-        let pairs = few.into_iter().zip(many);
-        Ok(Self { causes: pairs.map(|((cause, few), (_, many))| through(cause, few, many)).collect() })
+        Ok(Self { causes: find_causes(&pads, phong, near, light).into_iter().map(through).collect() })
     }
 
     /// Returns the levels that a press leaves out by each cause: means over the contact and the millimetre around it,
@@ -119,8 +117,8 @@ impl LightError {
     }
 }
 
-/// Finds the levels that a model with these parameters leaves out on dents, by each cause.
-fn find_causes(pad: &DentedPad, phong: &Phong, near: bool, light: &Illumination) -> Vec<(Cause, f64)> {
+/// Finds the levels that a model with these parameters leaves out on two pads, by each cause.
+fn find_causes(pads: &[DentedPad; 2], phong: &Phong, near: bool, light: &Illumination) -> Vec<(Cause, [f64; 2])> {
     let usual_window = Window { distance_mm: light.thickness_mm + SHELL_MM, refractive_index: SILICONE_INDEX };
     let is_inside = |led: &Led| {
         let place = led.place();
@@ -135,13 +133,18 @@ fn find_causes(pad: &DentedPad, phong: &Phong, near: bool, light: &Illumination)
         coat: if light.coat.albedo > 0.0 { light.coat } else { Coat { albedo: ALBEDO } },
     };
     let unshadowed = Phong { shadows: Shadows::None, ..most.phong };
-    let full = pad.shade(light, most);
-    let lost = |without: Lit| pad.mean_difference(&full, &pad.shade(light, without));
+    let shade = |lit: Lit| {
+        let shader = lit.shader(light, &pads[0].view);
+        pads.each_ref().map(|pad| pad.shade(&shader))
+    };
+    let difference =
+        |a: &[Light; 2], b: &[Light; 2]| std::array::from_fn::<f64, 2, _>(|k| pads[k].mean_difference(&a[k], &b[k]));
+    let full = shade(most);
+    let lost = |without: Lit| difference(&full, &shade(without));
     let mut causes = Vec::new();
     if !near {
         let bare = Lit { phong: unshadowed, window: None, coat: Coat::default(), ..most };
-        let [near, distant] = [true, false].map(|near| pad.shade(light, Lit { near, ..bare }));
-        causes.push((Cause::Distance, pad.mean_difference(&near, &distant)));
+        causes.push((Cause::Distance, difference(&shade(bare), &shade(Lit { near: false, ..bare }))));
     }
     if phong.shadows == Shadows::None {
         causes.push((Cause::Shadows, lost(Lit { phong: unshadowed, ..most })));
@@ -153,8 +156,9 @@ fn find_causes(pad: &DentedPad, phong: &Phong, near: bool, light: &Illumination)
         causes.push((Cause::Bounce, lost(Lit { coat: Coat::default(), ..most })));
     }
     let highlights = phong.specular / (phong.diffuse + phong.specular).max(f64::MIN_POSITIVE);
-    let change = pad.mean_difference(&full, &pad.untouched());
-    causes.push((Cause::Remainder, change * (LEFT_OUT + LEFT_OUT_BY_HIGHLIGHTS * highlights)));
+    let share = LEFT_OUT + LEFT_OUT_BY_HIGHLIGHTS * highlights;
+    let change = difference(&full, &pads.each_ref().map(DentedPad::untouched));
+    causes.push((Cause::Remainder, change.map(|levels| levels * share)));
     causes
 }
 

@@ -30,6 +30,16 @@ pub(super) struct DentedPad {
     pub view: View,
     pub contact: Contact,
     rest: BackgroundImage,
+    /// Pixels within the contacts and around them.
+    around: Vec<[usize; 2]>,
+}
+
+impl Lit<'_> {
+    /// Prepares the LEDs of a sensor, lit so, for the view of its dented pads.
+    pub fn shader(self, light: &Illumination, view: &View) -> LedShader {
+        let light = Illumination { window: self.window, coat: self.coat, is_photograph: false, ..*light };
+        LedShader::new(self.phong, self.near, &light, view, None)
+    }
 }
 
 impl DentedPad {
@@ -57,13 +67,12 @@ impl DentedPad {
         contact.region = Rect::whole(contact.surface.width, contact.surface.height);
         let levels = rest_levels.map(|level| level.clamp(0.0, 255.0) as u8);
         let rest = BackgroundImage::new(width, height, levels.repeat(width * height));
-        Self { view, contact, rest }
+        let around = places_around(&contact.mask, &view);
+        Self { view, contact, rest, around }
     }
 
     /// Computes the light of the pad.
-    pub fn shade(&self, light: &Illumination, Lit { phong, near, window, coat }: Lit<'_>) -> Light {
-        let light = Illumination { window, coat, is_photograph: false, ..*light };
-        let shader = LedShader::new(phong, near, &light, &self.view, None);
+    pub fn shade(&self, shader: &LedShader) -> Light {
         shader.shade(&self.contact, &self.rest, &mut EffectLog::new(EffectPolicy::All)).into_light()
     }
 
@@ -74,13 +83,12 @@ impl DentedPad {
 
     /// Returns the mean difference of two lights in the contacts and around them, grey levels.
     pub fn mean_difference(&self, a: &Light, b: &Light) -> f64 {
-        let (mut sum, mut count) = (0.0, 0);
-        for [x, y] in places_around(&self.contact.mask, &self.view) {
+        let mut sum = 0.0;
+        for [x, y] in &self.around {
             let at = y * self.view.resolution_px[0] + x;
             sum += a.planes.iter().zip(&b.planes).map(|(a, b)| f64::from((a[at] - b[at]).abs())).sum::<f64>();
-            count += 3;
         }
-        255.0 * sum / f64::from(count.max(1))
+        255.0 * sum / (3 * self.around.len().max(1)) as f64
     }
 }
 
