@@ -237,8 +237,8 @@ impl Case {
         }
     }
 
-    /// The plan at every level, and with the models of the pad that no level has. Finite strain, a hundred times as slow as the
-    /// others, is tried with everything on alone, unless all is to be tried.
+    /// The plan at every level, and with the models of the pad that no level has. Unless all is to be tried, effects without
+    /// noise are at one level alone, and finite strain, a hundred times as slow as the others, with noise alone.
     fn variants(&self, plan: &Plan, dress: Dress) -> Vec<(&'static str, Plan)> {
         let with = |gelpad| plan.with_models(Models { gelpad, optics: plan.simulator.models().optics.clone() });
         let levels: &[Fidelity] = match self.extent {
@@ -247,15 +247,17 @@ impl Case {
             Extent::Once => &[Fidelity::Draft],
             Extent::Own => &[],
         };
-        let levels = levels.iter().filter(|level| match level {
-            Fidelity::FiniteStrain => matches!(dress, Dress::Noisy) || crate::thorough(),
-            _ => true,
+        let levels = levels.iter().filter(|level| match (dress, level) {
+            _ if crate::thorough() => true,
+            (Dress::Plain, level) => **level != Fidelity::FiniteStrain,
+            (Dress::Still, level) => **level == Fidelity::Draft,
+            (Dress::Noisy, _) => true,
         });
         let mut variants: Vec<_> = levels.map(|level| (level.name(), plan.with_fidelity(*level))).collect();
         if self.extent == Extent::Own {
             variants.push(("its own", with(plan.simulator.models().gelpad.clone())));
         }
-        if self.extent == Extent::All {
+        if self.extent == Extent::All && (dress != Dress::Still || crate::thorough()) {
             variants.push(("none", with(Model::None(NoDeformation {}))));
             variants.push(("gaussian", with(Model::Gaussian(Gaussian::default()))));
         }

@@ -109,8 +109,8 @@ fn cases() -> Vec<Case> {
             .shape(Shape::cap(0.02, 0.02))
             .depth(0.004),
         Case::new("pixels of 10 mm", "a pad thinner than a pixel")
-            .view(PX, [10.0; 2])
-            .shape(Shape::cap(400.0, 200.0))
+            .view([16, 12], [10.0; 2])
+            .shape(Shape::cap(100.0, 50.0))
             .depth(2.0),
         Case::new("pixels of 0.05 x 1 mm", "pitches taken for each other").view(PX, [0.05, 1.0]).depth(0.5),
         Case::new("pixels of 1 x 0.05 mm", "pitches taken for each other").view(PX, [1.0, 0.05]).depth(0.5),

@@ -5,11 +5,12 @@ use gelsim_core::base::light::Light;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad::Contact;
+use gelsim_core::impression::Impression;
 use gelsim_core::optics::normals::surface_normals;
 use gelsim_core::simulator::Stages;
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
-use gelsim_job::sample::render;
+use gelsim_job::scene::Scene;
 
 use crate::oracle::pipeline_f64::{apart, light_of, misrounded, normals_of, turned_deg};
 use crate::plan::plan;
@@ -143,9 +144,14 @@ impl Setting<'_> {
     /// What the press gives.
     pub fn press(&self, numbers: &Numbers) -> Shown {
         let plan = self.plan(numbers);
-        let sample = render(&plan, 0);
-        Shown::of(&plan, sample)
+        Shown::of(&plan, press_unlabelled(&plan))
     }
+}
+
+/// Renders the first sample of a plan without its label.
+pub fn press_unlabelled(plan: &Plan) -> Impression {
+    let scene = Scene::draw(plan, 0, 0);
+    scene.simulator(plan).press_with(&scene.to_press(plan))
 }
 
 /// What is compared of a sample.
@@ -161,18 +167,18 @@ pub struct Shown {
 }
 
 impl Shown {
-    pub fn of(plan: &Plan, sample: Sample) -> Self {
+    pub fn of(plan: &Plan, impression: Impression) -> Self {
         let light = plan.simulator.shader().shade(
-            &sample.impression.contact,
+            &impression.contact,
             plan.simulator.background(),
             &mut EffectLog::new(EffectPolicy::WhereNeeded),
         );
         let light = light.into_light();
         Self {
-            depth: sample.impression.depth.below_pad(),
-            surface: sample.impression.contact.surface,
+            depth: impression.depth.below_pad(),
+            surface: impression.contact.surface,
             light: levels(plan, &light),
-            rgb: sample.impression.image.rgb,
+            rgb: impression.image.rgb,
         }
     }
 

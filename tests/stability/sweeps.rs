@@ -10,10 +10,9 @@ use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad;
 use gelsim_core::simulator::Stages;
 use gelsim_job::plan::Plan;
-use gelsim_job::sample::render;
 use gelsim_job::scene::Scene;
 
-use super::press::{Change, GENERIC, Numbers, Setting, Shown, levels};
+use super::press::{Change, GENERIC, Numbers, Setting, Shown, levels, press_unlabelled};
 
 const NO_SHADOWS: &str = "optics.phong.shadows = 'none'\n";
 /// Distance between pixels in a view of 20 mm and 80 px.
@@ -129,7 +128,7 @@ fn crossing_the_size_from_which_a_coarser_grid_is_tried_first_does_not_show() {
     let at = |t: f64| Numbers { depth_mm: 0.5 + 0.08 * t, ..GENERIC };
     let area = |t: f64| {
         let plan = setting.plan(&at(t));
-        render(&plan, 0).impression.depth.touching.area()
+        press_unlabelled(&plan).depth.touching.area()
     };
     assert!(area(0.0) <= 64 * 64 && area(1.0) > 64 * 64, "{} {}", area(0.0), area(1.0));
     let change = largest_step(40, |t| setting.press(&at(t)));
@@ -192,7 +191,7 @@ fn beside_a_shallow_press_the_pad_does_not_rise_to_a_flank_that_it_does_not_touc
             for depth_mm in [5e-4, 5e-3, 0.02] {
                 let setting = Setting { level, object, ..Setting::default() };
                 let plan = setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, thickness_mm: 1.2, ..GENERIC });
-                let contact = render(&plan, 0).impression.contact;
+                let contact = press_unlabelled(&plan).contact;
                 let highest = contact.surface.data.iter().fold(0.0_f32, |highest, w| highest.max(-w));
                 // Interpolation may overshoot a little.
                 let allowed = 1.5 * contact.bulge_mm + 1e-6;
@@ -206,7 +205,7 @@ fn beside_a_shallow_press_the_pad_does_not_rise_to_a_flank_that_it_does_not_touc
 fn a_press_shallower_than_the_tolerance_has_a_force_in_proportion_to_its_depth() {
     let stiffness = |level: Fidelity, depth_mm: f64| {
         let setting = Setting { level, object: "cube", ..Setting::default() };
-        let contact = render(&setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, ..GENERIC }), 0).impression.contact;
+        let contact = press_unlabelled(&setting.plan(&Numbers { depth_mm, tilt_deg: 0.0, ..GENERIC })).contact;
         contact.force_n.expect("an elastic pad knows it") / depth_mm
     };
     let exact = stiffness(Fidelity::Reference, 0.02);

@@ -7,10 +7,10 @@
 use std::path::{Path, PathBuf};
 
 use gelsim_core::fidelity::Fidelity;
+use gelsim_core::impression::Impression;
 use gelsim_job::plan::Plan;
-use gelsim_job::sample::Sample;
-use gelsim_job::sample::render;
 
+use super::press::press_unlabelled;
 use crate::plan::plan;
 
 /// A lopsided scene: a position, angles, and where the LEDs are.
@@ -128,16 +128,16 @@ impl Scene {
 }
 
 /// Largest difference of the surfaces, um, and of the images, levels.
-fn differences(a: &Sample, b: &Sample, place: impl Fn([usize; 2], [usize; 2]) -> [usize; 2]) -> (f64, u8) {
-    let (other, first) = (b.impression.contact.surface.inner(1), a.impression.contact.surface.inner(1));
+fn differences(a: &Impression, b: &Impression, place: impl Fn([usize; 2], [usize; 2]) -> [usize; 2]) -> (f64, u8) {
+    let (other, first) = (b.contact.surface.inner(1), a.contact.surface.inner(1));
     let (mut um, mut most) = (0.0_f64, 0_u8);
     for y in 0..other.height {
         for x in 0..other.width {
             let [u, v] = place([x, y], [first.width, first.height]);
             um = um.max(1e3 * f64::from(other.at(x, y) - first.at(u, v)).abs());
             for channel in 0..3 {
-                let found = b.impression.image.rgb[3 * (y * other.width + x) + channel];
-                most = most.max(found.abs_diff(a.impression.image.rgb[3 * (v * first.width + u) + channel]));
+                let found = b.image.rgb[3 * (y * other.width + x) + channel];
+                most = most.max(found.abs_diff(a.image.rgb[3 * (v * first.width + u) + channel]));
             }
         }
     }
@@ -167,13 +167,13 @@ fn a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is() {
             for &(object, extras) in &cases {
                 let plan = scene.plan(object, level, extras);
                 let even = lies_evenly(size_px, level);
-                let straight = render(&plan, 0);
+                let straight = press_unlabelled(&plan);
                 for (name, way, place) in WAYS {
                     // A transposition leaves the corner where grids start where it is.
                     if !even && name != "transposed" {
                         continue;
                     }
-                    let other = render(&way(scene).plan(object, level, extras), 0);
+                    let other = press_unlabelled(&way(scene).plan(object, level, extras));
                     let (um, levels) = differences(&straight, &other, place);
                     // Rubber stops when a step changes it by a micrometre; beside walls several more are left then, which
                     // single pixels there show.

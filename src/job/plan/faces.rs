@@ -36,7 +36,9 @@ pub fn find_richer_side(side: Side, object: &Clusters, reach_mm: f64) -> Option<
         let highest = seen.largest(|mm| mm);
         seen.data.iter().all(|mm| *mm <= 0.0 || *mm > highest - FLAT_MM)
     };
-    flat(side).then(|| find_richest_side(object, reach_mm)).filter(|richest| !flat(*richest))
+    // Of most objects every side is flat, or this one is not.
+    let is_meant = || !flat(side) || ORDER.into_iter().all(|other| other == side || flat(other));
+    (!is_meant()).then(|| find_richest_side(object, reach_mm)).filter(|richest| !flat(*richest))
 }
 
 /// Sums, over all points of a side within reach, the change of the slope from point to point, each at most 1.

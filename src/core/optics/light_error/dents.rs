@@ -14,7 +14,7 @@ use crate::optics::near_light::window::Window;
 use crate::optics::phong::Phong;
 
 /// Pixels of the longer side of the view.
-const LONG_SIDE_PX: f64 = 96.0;
+const LONG_SIDE_PX: f64 = 64.0;
 
 /// What lights the dents.
 #[derive(Clone, Copy)]
