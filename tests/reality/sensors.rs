@@ -6,8 +6,11 @@ use gelsim_core::base::rng::random_stream;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::optics;
 use gelsim_core::optics::calibrated::CalibrationTable;
+use gelsim_lab::calibrate::leds::fit_leds;
+use gelsim_lab::calibrate::progress::ProgressMeter;
 use gelsim_lab::calibrate::run::{Calibration, CalibrationRequest, calibrate};
-use gelsim_lab::calibrate::{Geometry, Session};
+use gelsim_lab::calibrate::train::TrainingSettings;
+use gelsim_lab::calibrate::{Geometry, Session, build_table, fit_response};
 use gelsim_lab::compare::picture;
 use gelsim_lab::compare::score::Scores;
 use image::RgbImage;
@@ -224,4 +227,49 @@ fn more_presses_bring_a_sensor_nearer() {
     };
     let errors = [5, 8, 12, 20, all - HELD_OUT].map(error);
     assert!(errors[4] < 0.9 * errors[0], "{errors:?}");
+}
+
+#[test]
+fn few_presses_say_more_where_leds_carry_them_over_the_pad() {
+    const COUNTS: [usize; 3] = [5, 8, 16];
+    const HELD_OUT: usize = 6;
+    let Some(folder) = real::folder() else { return };
+    // Shorter than a calibration's, since there are many of them.
+    let settings = TrainingSettings { networks: 2, steps: 800, ..TrainingSettings::default() };
+    let mut gains = Vec::new();
+    for (sensor, _) in GOOD.into_iter().chain([("gelsight_fots", 0.0), ("digit_fots", 0.0)]) {
+        let session = real::session(&folder.join(sensor)).expect("a table of presses");
+        let all = session.observations.len();
+        let thickness_mm = session.sensor.gelpad_thickness_mm;
+        let geometry = Geometry { thickness_mm, contact_over_disc: Geometry::USUAL_CONTACT };
+        let surfaces = session.press_surfaces(geometry, &half());
+        let pixels = session.sample_pixels(&session.draw_places(4000), &surfaces, true);
+        // Errors by the presses alone, and with LEDs that carry them, of presses that are in neither.
+        let errors = |count: usize, draw: u64| {
+            let order = random_stream(draw, "calibration", 7).sample_without_replacement((0..all).collect(), all);
+            let (held_out, learnt) = order[..HELD_OUT + count].split_at(HELD_OUT);
+            let observations = held_out.iter().map(|k| session.observations[*k].clone()).collect();
+            let others = Session { observations, ..session.clone() };
+            let contacts: Vec<_> = held_out.iter().map(|k| surfaces.contacts[*k].clone()).collect();
+            let learnt: Vec<_> = learnt.iter().map(|k| &pixels[*k]).collect();
+            let leds = fit_leds(learnt.iter().copied()).expect("pixels");
+            [None, Some(&leds)].map(|carriers| {
+                let quiet = ProgressMeter::new(1, &|_, _| {});
+                let response = fit_response(&session, &learnt, carriers, &settings, 100, &quiet);
+                let table = build_table(response, geometry).with_extrapolation(leds.extrapolation());
+                let simulated = simulate(&others, &contacts, &shader(&others, Some(&table)));
+                mean(score_pictures(&others, &simulated).iter().map(contact_mae))
+            })
+        };
+        for count in COUNTS.into_iter().filter(|count| count + HELD_OUT <= all) {
+            let each: Vec<[f64; 2]> = (0..6).into_par_iter().map(|draw| errors(count, draw)).collect();
+            let [alone, carried] = [0, 1].map(|k| mean(each.iter().map(|errors| errors[k])));
+            println!("{sensor}: {count:2} presses: MAE {alone:.2} alone, {carried:.2} carried by LEDs");
+            assert!(carried < 1.03 * alone, "{sensor}, {count}: {alone}, {carried}");
+            if count == COUNTS[0] {
+                gains.push(carried / alone);
+            }
+        }
+    }
+    assert!(mean(gains.iter().copied()) < 0.95, "{gains:?}");
 }

@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::leds::fit_leds;
 use super::pixels::PixelSamples;
 use super::progress::ProgressMeter;
 use super::train::{self, TrainingSettings};
@@ -111,7 +112,8 @@ fn quick_error(session: &Session, pixels: &[PixelSamples], settings: &TrainingSe
     let of = |part: usize| -> [f64; 2] {
         let learnt: Vec<&PixelSamples> =
             pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
-        let response = fit_response(session, &learnt, &quick, part as u64, work);
+        let leds = fit_leds(learnt.iter().copied());
+        let response = fit_response(session, &learnt, leds.as_ref(), &quick, part as u64, work);
         let held_out = pixels.iter().zip(&fold).filter(|(_, fold)| **fold == part);
         let errors = held_out.map(|(pixels, _)| [train::mean_absolute_error(&response, pixels), 1.0]);
         errors.fold([0.0; 2], |[sum, count], [error, one]| [sum + error, count + one])

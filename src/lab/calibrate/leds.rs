@@ -6,8 +6,10 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::pixels::PixelSamples;
+use super::Session;
+use super::pixels::{PixelSamples, SATURATED};
 use crate::metrics::statistics::median;
+use gelsim_core::base::rng::random_stream;
 use gelsim_core::optics::calibrated::extrapolation::CalibrationExtrapolation;
 use gelsim_core::optics::led::{Led, Normals, PlacedLed};
 use gelsim_core::optics::phong::{Phong, reflect_row};
@@ -68,6 +70,43 @@ impl FittedLeds {
             }
         }
         sums.map(|sum| 255.0 * sum / f64::max(count, 1.0))
+    }
+
+    /// Draws pixels of presses and moves each to a place drawn from the whole background image: what the LEDs explain of
+    /// its change follows the background there, the rest of it stays.
+    pub fn move_pixels(&self, pixels: &PixelSamples, session: &Session, count: usize) -> PixelSamples {
+        let mut random = random_stream(3, "calibration", 0);
+        let (mut moved, mut sources) = (PixelSamples::default(), Vec::new());
+        let size = [session.background.width(), session.background.height()].map(|size| size as usize);
+        for _ in 0..if pixels.is_empty() { 0 } else { count } {
+            let k = random.uniform_below(pixels.len());
+            let [x, y] = size.map(|size| random.uniform_below(size));
+            let level = session.background.get_pixel(x as u32, y as u32).0;
+            if level.iter().any(|level| *level >= SATURATED) {
+                continue;
+            }
+            moved.normals.push(pixels.normals[k]);
+            let place_mm = session.camera.point_mm([x as f64 + 0.5, y as f64 + 0.5]);
+            let mut inputs = pixels.inputs[k];
+            (inputs[1], inputs[2]) = (place_mm[0] as f32, place_mm[1] as f32);
+            moved.inputs.push(inputs);
+            moved.background.push(level.map(|level| f32::from(level) / 255.0));
+            moved.change.push(pixels.change[k]);
+            moved.clipped.push(pixels.clipped[k]);
+            sources.push(k);
+        }
+        let normals = sample_normals(pixels, &sources);
+        for led in &self.leds {
+            let lit = led_changes([led.azimuth_deg, led.elevation_deg], &normals);
+            for (at, k) in sources.iter().enumerate() {
+                for channel in 0..3 {
+                    let brighter = moved.background[at][channel] - pixels.background[*k][channel];
+                    moved.change[at][channel] +=
+                        (f64::from(brighter) * led.intensity * led.color[channel] * lit[at]) as f32;
+                }
+            }
+        }
+        moved
     }
 
     /// Returns the fit with values cut to what a sensor file may hold.

@@ -42,6 +42,7 @@ pub mod validate;
 
 use dots::Dots;
 use geometry::Balls;
+use leds::FittedLeds;
 use pixels::{PixelSamples, draw_places};
 use progress::ProgressMeter;
 use train::TrainingSettings;
@@ -194,16 +195,26 @@ impl Session {
     }
 }
 
-/// Fits one model to the pixels of several presses. `seed` decides where training starts.
+/// Pixels that are learnt elsewhere, too, times the square of the number of presses: with five presses, as many as one
+/// press has.
+const MOVED_PIXELS: usize = 100_000;
+
+/// Fits one model to the pixels of several presses, and some of these pixels elsewhere on the pad, by LEDs that were
+/// fitted to the same presses: few presses say little of most places. `seed` decides where training starts.
 pub fn fit_response(
     session: &Session,
     pixels: &[&PixelSamples],
+    leds: Option<&FittedLeds>,
     settings: &TrainingSettings,
     seed: u64,
     work: &ProgressMeter,
 ) -> CalibrationResponse {
     let mut all = PixelSamples::default();
     pixels.iter().for_each(|pixels| all.append(pixels));
+    let moved = (MOVED_PIXELS / pixels.len().max(1).pow(2)).min(all.len() / 2);
+    if let Some(moved) = leds.map(|leds| leds.move_pixels(&all, session, moved)) {
+        all.append(&moved);
+    }
     train::fit_networks(&all, pixels::common_range(pixels), session.half_view_mm(), settings, seed, work)
 }
 

@@ -20,7 +20,7 @@ pub const REACH: f64 = 3.5;
 /// Distance from the centre up to which errors are counted, in radii of the circle.
 pub const ERROR_REACH: f64 = 1.3;
 /// Level from which a pixel of the background image counts as saturated.
-const SATURATED: u8 = 254;
+pub const SATURATED: u8 = 254;
 /// Fraction of the pixels that are drawn from the contact and its rim.
 const NEAR_FRACTION: f64 = 0.65;
 

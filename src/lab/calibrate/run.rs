@@ -118,8 +118,8 @@ pub fn calibrate_with_progress(
     for (doubts, odd) in doubts.iter_mut().zip(odd) {
         doubts.extend(odd);
     }
-    let response = fit_response(&session, &pixels.iter().collect::<Vec<_>>(), settings, 100, &work);
     let leds = fit_leds(&pixels).ok_or(CalibrationError::NoPixel)?;
+    let response = fit_response(&session, &pixels.iter().collect::<Vec<_>>(), Some(&leds), settings, 100, &work);
     Ok(Calibration {
         table: build_table(response, geometry).with_extrapolation(leds.extrapolation()),
         leds,

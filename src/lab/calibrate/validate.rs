@@ -58,8 +58,10 @@ pub fn cross_validate(
         .map(|part| {
             let others: Vec<&pixels::PixelSamples> =
                 pixels.iter().zip(&fold).filter(|(_, fold)| **fold != part).map(|(pixels, _)| pixels).collect();
-            let table = build_table(fit_response(session, &others, settings, part as u64, work), geometry);
-            let table = match fit_leds(others.iter().copied()) {
+            let leds = fit_leds(others.iter().copied());
+            let response = fit_response(session, &others, leds.as_ref(), settings, part as u64, work);
+            let table = build_table(response, geometry);
+            let table = match leds {
                 Some(leds) => table.with_extrapolation(leds.extrapolation()),
                 None => table,
             };
