@@ -824,11 +824,10 @@ def printed(output):
 
 
 def counted(output):
-    """How many cases are valid and how many refused, and their samples."""
+    """How many cases are valid and how many refused."""
     said = printed(output).values()
     refused = sum(text.startswith("refused") for text in said)
-    samples = sum(numbers[1] for text in said for numbers in scan(text, "{} of {} touch"))
-    return {"cases": len(said), "valid": len(said) - refused, "refused": refused, "samples": samples}
+    return {"cases": len(said), "valid": len(said) - refused, "refused": refused}
 
 
 def counts(*keys):
@@ -836,9 +835,9 @@ def counts(*keys):
 
 
 def class_of_cases(row, test):
-    """A row of the page that sums up: `N cases, N samples | N valid (..), N refused`."""
-    sentence = f"{row} | {{}} cases, {{}} samples | {{}} valid{{*}}, {{}} refused |"
-    return summed(sentence, test, counts("cases", "samples", "valid", "refused"), tolerance=0.0)
+    """A row of the page that sums up: `N cases | N valid (..), N refused`."""
+    sentence = f"{row} | {{}} cases | {{}} valid{{*}}, {{}} refused |"
+    return summed(sentence, test, counts("cases", "valid", "refused"), tolerance=0.0)
 
 
 def corners(output):

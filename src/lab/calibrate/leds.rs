@@ -75,10 +75,13 @@ impl FittedLeds {
     /// Draws pixels of presses and moves each to a place drawn from the whole background image: what the LEDs explain of
     /// its change follows the background there, the rest of it stays.
     pub fn move_pixels(&self, pixels: &PixelSamples, session: &Session, count: usize) -> PixelSamples {
-        let mut random = random_stream(3, "calibration", 0);
         let (mut moved, mut sources) = (PixelSamples::default(), Vec::new());
+        if pixels.is_empty() {
+            return moved;
+        }
+        let mut random = random_stream(3, "calibration", 0);
         let size = [session.background.width(), session.background.height()].map(|size| size as usize);
-        for _ in 0..if pixels.is_empty() { 0 } else { count } {
+        for _ in 0..count {
             let k = random.uniform_below(pixels.len());
             let [x, y] = size.map(|size| random.uniform_below(size));
             let level = session.background.get_pixel(x as u32, y as u32).0;

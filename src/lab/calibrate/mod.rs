@@ -195,8 +195,8 @@ impl Session {
     }
 }
 
-/// Pixels that are learnt elsewhere, too, times the square of the number of presses: with five presses, as many as one
-/// press has.
+/// This over the square of the number of presses is how many pixels are learnt elsewhere on the pad, too: with five
+/// presses, as many as one press has.
 const MOVED_PIXELS: usize = 100_000;
 
 /// Fits one model to the pixels of several presses, and some of these pixels elsewhere on the pad, by LEDs that were
