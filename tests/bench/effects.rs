@@ -1,4 +1,5 @@
-//! What each effect takes beyond the sample without it, and what skipping saves: `cargo bench --bench effects`.
+//! What each effect takes beyond the sample without it, and what skipping saves: `cargo bench --bench effects`; with
+//! `-- NAME`, only the effects with it in their name.
 //!
 //! Prints tables. Times are CPU ms of one thread at 640x480, medians of many samples rendered in turn with and without,
 //! so that a machine that gets slower does so for both.
@@ -37,7 +38,7 @@ fn medians(plans: &[&Plan]) -> Vec<f64> {
     ms.iter().map(|ms| median(ms).unwrap_or(0.0)).collect()
 }
 
-fn effects() {
+fn effects(filter: &str) {
     println!("{:<44} {:>9} {:>9} {:>9}", "effect", "without", "with", "CPU ms");
     let plain = "optics.phong.shadows = \"none\"";
     let shadows = |preset: &str| format!("[sensor]\npreset = \"{preset}\"\nresolution_px = [640, 480]\n");
@@ -90,7 +91,7 @@ fn effects() {
         ("vignette", "dots", String::new(), "[camera]\nvignette = 0.3".into()),
         ("exposure that differs", "dots", String::new(), "[camera]\nexposure = [0.9, 1.1]".into()),
     ];
-    for (name, object, without, with) in cases {
+    for (name, object, without, with) in cases.into_iter().filter(|case| case.0.contains(filter)) {
         let plans = [plan::plan(&job(object, &without)), plan::plan(&job(object, &with))];
         let ms = medians(&[&plans[0], &plans[1]]);
         println!("{name:<44} {:>9.2} {:>9.2} {:>9.2}", ms[0], ms[1], ms[1] - ms[0]);
@@ -164,7 +165,12 @@ fn main() {
     if std::env::args().any(|argument| argument == "--test") {
         return;
     }
-    effects();
+    // Cargo adds an option.
+    let filter = std::env::args().skip(1).find(|argument| !argument.starts_with('-'));
+    effects(filter.as_deref().unwrap_or_default());
+    if filter.is_some() {
+        return;
+    }
     extent();
     saved();
 }
