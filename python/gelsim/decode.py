@@ -13,7 +13,7 @@ from gelsim.needed import need
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-CHANNELS = {"normal": 3, "lamps": 6, "flow": 2, "points": 3, "tactile": 3, "reference": 3, "untouched": 3}
+CHANNELS = {"normal": 3, "lamps": 6, "flow": 2, "traction": 3, "points": 3, "tactile": 3, "reference": 3, "untouched": 3}
 """Of layers that have several."""
 
 

@@ -56,6 +56,8 @@ class Sample(TypedDict, total=False):
     """(H, W): 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; of sequences."""
     flow: NDArray[np.float32]
     """(H, W, 2): motion of the pad's surface to the right and down since it was untouched, mm."""
+    traction: NDArray[np.float32]
+    """(H, W, 3): force of the object on the pad by area, kPa: to the right, down, into the pad."""
     points: NDArray[np.float32]
     """(H, W, 3): the point of the pad's surface that each pixel shows, mm in the sensor's frame."""
     untouched: NDArray[np.uint8]
@@ -88,6 +90,7 @@ class Batch(TypedDict, total=False):
     reference: NDArray[np.uint8]
     lamps: NDArray[np.float32]
     flow: NDArray[np.float32]
+    traction: NDArray[np.float32]
     points: NDArray[np.float32]
     untouched: NDArray[np.uint8]
     label: list[dict[str, Any]]

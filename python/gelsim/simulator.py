@@ -27,8 +27,8 @@ Indenter = Union[
 """What is pressed; `Simulator.press` says what each is."""
 
 LAYERS = (
-    "depth", "surface", "contact", "normal", "pressure", "gap", "markers", "pins", "reference", "lamps", "slip", "flow", "points",
-    "untouched",
+    "depth", "surface", "contact", "normal", "pressure", "gap", "markers", "pins", "reference", "lamps", "slip", "flow", "traction",
+    "points", "untouched",
 )  # fmt: skip
 """The layers of an impression beside its image."""
 
@@ -118,6 +118,13 @@ class Impression:
     def flow(self) -> Optional[NDArray[np.float32]]:
         """(H, W, 2): motion of the pad's surface to the right and down, mm; of sensors with markers, or with `flow=True`."""
         found: Optional[NDArray[np.float32]] = self._source.layer("flow")
+        return found
+
+    @cached_property
+    def traction(self) -> Optional[NDArray[np.float32]]:
+        """(H, W, 3): force of the object on the pad by area, kPa: to the right, down, into the pad; None at `paper`. Friction of a
+        single press is in it on sensors with markers, or with `flow=True`."""
+        found: Optional[NDArray[np.float32]] = self._source.layer("traction")
         return found
 
     @cached_property

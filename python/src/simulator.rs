@@ -675,6 +675,11 @@ impl Pressing {
         let is_there = match wanted {
             OutputLayer::Pressure => simulator.models().gelpad.knows_pressure(),
             OutputLayer::Flow => simulator.knows_tractions(),
+            // At finite strain those of a pad that sticks are not known.
+            OutputLayer::Traction => {
+                let model = &simulator.models().gelpad;
+                simulator.knows_tractions() && (model.strain_settings().is_none() || model.friction().is_none())
+            }
             OutputLayer::Markers => impression.markers.is_some(),
             OutputLayer::Pins => impression.pins.is_some(),
             OutputLayer::Lamps => !simulator.sensor().lamps.is_empty(),

@@ -16,6 +16,8 @@ use crate::effects::EffectLog;
 use crate::gelpad::Contact;
 use crate::gelpad::elastic::friction_history::StickSlip;
 use crate::gelpad::sliding::{Slip, Wrench};
+use crate::gelpad::tangential::TangentialMotion;
+use crate::gelpad::traction_map::TractionMap;
 use crate::optics::lamps;
 use crate::optics::normals::surface_normals;
 use crate::pose::PadPlane;
@@ -78,6 +80,10 @@ pub struct SlidingState {
     pub wrench: Wrench,
     /// Whether each pixel in view sticks or slips, in the pad's own geometry: without the lens's distortion.
     pub states: Grid<StickSlip>,
+    /// Tractions and pressure; `None` without contact.
+    pub tractions: Option<TractionMap>,
+    /// Factor by which they are larger than in `tractions`; see [`Contact::stiffening_factor`].
+    pub stiffening_factor: f64,
 }
 
 /// Value of [`Impression::gap_mm`] where no object was captured.
@@ -252,6 +258,38 @@ impl Impression {
         let [width, height] = self.view.resolution_px;
         let pressure = self.contact.pressure.clone();
         Some(pressure.map_or_else(|| vec![0.0; width * height], |pressure| self.warp_plane(pressure)))
+    }
+
+    /// Returns the force of the object on the pad by area, kPa: along x and y, and into the pad; 0 without contact.
+    /// `None` if the model of the gelpad does not know it.
+    ///
+    /// In a single press friction is known where the press computes the motion of the pad's surface in its plane; see
+    /// [`Impression::flow_mm`]. On a gel that is not flat, x and y are as in [`Impression::flow_mm`].
+    pub fn traction_kpa(&self) -> Option<Vec<[f32; 3]>> {
+        self.contact.peak_pressure_kpa?;
+        let planes = match (&self.sliding, &self.contact.tangential) {
+            (Some(sliding), _) => {
+                sliding.tractions.as_ref().map(|map| map.sample_view(&self.view, [sliding.stiffening_factor; 2]))
+            }
+            (None, Some(TangentialMotion { tractions: Some(map), .. })) => {
+                Some(map.sample_view(&self.view, [1.0, self.contact.stiffening_factor]))
+            }
+            _ => self.contact.pressure.as_ref().map(|pressure| {
+                let none = Grid::new(pressure.width, pressure.height);
+                [none.clone(), none, pressure.clone()]
+            }),
+        };
+        let [width, height] = match &self.gel_map {
+            Some(map) => map.size_px(),
+            None => self.view.resolution_px,
+        };
+        let Some([x, y, z]) = planes else { return Some(vec![[0.0; 3]; width * height]) };
+        let into = self.warp_plane(z);
+        let along = match &self.gel_map {
+            Some(map) => map.warp_motion(&[x, y]),
+            None => self.warp_plane(x).into_iter().zip(self.warp_plane(y)).map(|(x, y)| [x, y]).collect(),
+        };
+        Some(along.into_iter().zip(into).map(|([x, y], z)| [x, y, z]).collect())
     }
 
     /// Renders the grey image under each of the sensor's lamps, 0 to 1, without markers, blur, exposure and noise;

@@ -389,6 +389,8 @@ impl Simulator {
             slip: sliding.slip(),
             wrench: sliding.wrench(),
             states: sliding.stick_slip_states(&contact.mask, &view),
+            tractions: sliding.traction_map(),
+            stiffening_factor: 1.0,
         });
         let (pins, wrench, gel_map) = (None, None, None);
         Impression {

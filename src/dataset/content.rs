@@ -57,6 +57,10 @@ pub fn layer_content<'a>(sample: &'a Sample, layer: OutputLayer) -> LayerContent
             let value = |(k, at): (usize, usize)| planes.get(k).map_or(0.0, |plane: &Vec<f32>| plane[at]);
             LayerContent::Floats((0..pixels).flat_map(pixel).map(value).collect())
         }
+        OutputLayer::Traction => {
+            let none = || vec![[0.0; 3]; impression.image.width * impression.image.height];
+            LayerContent::Floats(impression.traction_kpa().unwrap_or_else(none).into_flattened())
+        }
         OutputLayer::Flow => LayerContent::Floats(impression.flow_mm().into_flattened()),
         OutputLayer::Points => LayerContent::Floats(impression.points_mm().into_flattened()),
         OutputLayer::Slip => LayerContent::Bytes(impression.slip().into()),

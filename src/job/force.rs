@@ -6,6 +6,9 @@ pub const MAX_PRESSES: u32 = 40;
 /// The greatest indentation depth that is tried, as a fraction of the pad's thickness.
 pub const MAX_DEPTH_RATIO: f64 = 0.9;
 
+/// Relative tolerance with which a force is met.
+pub const FORCE_TOLERANCE: f64 = 2e-3;
+
 /// Width of a bracket at which the search ends, mm.
 const MIN_BRACKET_MM: f64 = 1e-6;
 

@@ -76,6 +76,12 @@ pub struct Label {
     pub pose: PoseLabel,
     /// Depth of the object's lowest point below the undeformed pad, mm.
     pub indentation_depth_mm: f64,
+    /// Normal force of all objects that was wanted, N; 0 if a depth was.
+    #[serde(default)]
+    pub wanted_force_n: f64,
+    /// Fraction of the wanted force within which the depth was found; 0 if a depth was wanted.
+    #[serde(default)]
+    pub force_tolerance: f64,
     /// All objects that were pressed in together, each with its share of the contact; `object` is the first.
     #[serde(default)]
     pub objects: Vec<PressedLabel>,
@@ -141,6 +147,8 @@ impl Label {
             },
             pose,
             indentation_depth_mm: scene.indentation_depth_mm,
+            wanted_force_n: scene.wanted_force_n,
+            force_tolerance: scene.force_tolerance,
             objects,
             unplaced_objects: scene.unplaced,
             texture: TextureLabel::from_scene(scene),

@@ -37,6 +37,8 @@ pub enum OutputLayer {
     Slip,
     /// Motion of the pad's surface in its own plane since it was untouched, mm; only from models that compute it.
     Flow,
+    /// Force of the object on the pad by area, kPa: along the pad to the right and down, and into the pad.
+    Traction,
     /// Tips of the pins at rest and now; only for sensors that have them.
     Pins,
     /// Points of the pad's surface, one for each pixel, mm in the sensor's frame.
@@ -86,7 +88,7 @@ pub enum LayerForm {
 }
 
 /// The row of every layer, in the order in which a sample's files are written.
-const LAYER_SPECS: [LayerSpec; 15] = [
+const LAYER_SPECS: [LayerSpec; 16] = [
     LayerSpec {
         layer: OutputLayer::Depth,
         name: "depth",
@@ -169,6 +171,18 @@ const LAYER_SPECS: [LayerSpec; 15] = [
         form: LayerForm::Floats { channels: &["X", "Y"], least: f32::NEG_INFINITY, pixel: None, steps: None },
         unit: Some("mm"),
         meaning: "motion of the pad's surface in its own plane since it was untouched, to the right and down",
+    },
+    LayerSpec {
+        layer: OutputLayer::Traction,
+        name: "traction",
+        form: LayerForm::Floats {
+            channels: &["X", "Y", "Z"],
+            least: f32::NEG_INFINITY,
+            pixel: Some(Pixel::Float),
+            steps: None,
+        },
+        unit: Some("kPa"),
+        meaning: "force of the object on the pad by area: along the pad to the right and down, and into the pad",
     },
     LayerSpec {
         layer: OutputLayer::Pins,
@@ -427,6 +441,7 @@ mod tests {
                 Some(12),
                 None,
                 Some(4),
+                Some(12),
                 None,
                 Some(12),
                 None,
@@ -447,14 +462,31 @@ mod tests {
                 Some(24),
                 None,
                 Some(8),
+                Some(12),
                 None,
                 Some(12),
                 None,
                 None
             ]
         );
-        let png =
-            [None, None, Some(1), None, None, None, None, Some(3), None, Some(1), None, None, None, Some(1), Some(3)];
+        let png = [
+            None,
+            None,
+            Some(1),
+            None,
+            None,
+            None,
+            None,
+            Some(3),
+            None,
+            Some(1),
+            None,
+            None,
+            None,
+            None,
+            Some(1),
+            Some(3),
+        ];
         assert_eq!(OutputLayer::ALL.map(|layer| bytes(layer, "png")), png);
         assert_eq!(bytes(OutputLayer::Depth, "png16"), Some(2));
         assert_eq!(bytes(OutputLayer::Normal, "png16"), None);

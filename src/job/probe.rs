@@ -112,7 +112,7 @@ fn probe_touches(plan: &Plan) -> Vec<SampleTouch> {
 /// Probes the first draw of sample `index`. Returns `None` if it cannot be probed.
 fn probe_touch(plan: &Plan, index: u64) -> Option<SampleTouch> {
     let plan = plan.for_sample(index, 0);
-    let scene = Scene::draw(plan, index, 0);
+    let scene = Scene::draw_pressed(plan, index, 0);
     let PressSource::Object(object) = scene.pressed else { return None };
     let is_meant = Scene::should_touch(plan, index, 0);
     let mut found = SampleTouch { object, index, is_meant, touches: false, slips: false, thin: 0.0 };

@@ -37,7 +37,7 @@ pub fn render_attempt(plan: &Plan, index: u64, attempt: u32) -> Sample {
     let plan = plan.for_sample(index, attempt);
     let mut clock = ThreadClock::start();
     // All randomness of the sample is in this draw.
-    let scene = Scene::draw(plan, index, attempt);
+    let scene = Scene::draw_pressed(plan, index, attempt);
     let seconds = clock.lap();
     let mut sample = press(plan, &scene);
     sample.seconds.scene += seconds;

@@ -514,6 +514,12 @@ CURVED_FIGURES = [
         tolerance=0.001,
     ),
     curved(
+        "depth is within {<} um except at one in 200 places, force within {<} %",
+        "physics::gel_mesh::walls_are_where_they_are_on_the_dome_at_every_place",
+        lambda output: one(output, "twelve cubes: depth {} um apart but for one in 200 places, force {} %"),
+        command=MESH,
+    ),
+    curved(
         "19,000 triangles | within {<} um | depth within {<} um, force within {<} % |",
         "physics::gel_mesh::a_mesh_of_a_dome_is_a_dome",
         of_mesh,
@@ -741,6 +747,27 @@ SEQUENCE_FIGURES = [
         "history::a_rolling_ball_creeps_as_kalker_says",
         lambda output: [one(output, f"creep along {axis}: {{}} of Kalker's")[0] for axis in "xy"],
         tolerance=0.0005,
+    ),
+    sequences(
+        "| ball and punch turned by 1,080 degrees, mu 0.3 to 2, pads of 0.8 to 10 mm | torque {} to {} of mu times",
+        HISTORY,
+        "history::whatever_is_turned_far_enough_is_held_by_friction_times_its_mean_radius",
+        lambda output: [of(column(output, "{} of the torque,")) for of in (min, max)],
+        tolerance=0.0002,
+    ),
+    sequences(
+        "lifted in the end | heat within {<} % of the work,",
+        HISTORY,
+        "history::work_becomes_heat_on_any_path",
+        lambda output: [one(output, "heat and work of 24 paths: at most {} % apart")[0]],
+    ),
+    sequences(
+        "| a lift at 25 frames a second, against 400 | heat within {<} % |",
+        SEQUENCES,
+        "sequences::what_a_lift_turns_into_heat_is_the_same_at_every_frame_rate",
+        lambda output: [
+            max(100 * abs(few / many - 1) for few, many in scan(output.text, "heat of a lift {} N mm, {} at 400 frames"))
+        ],
     ),
     sequences(
         "| 1,000 steps to and fro | force drifts by {<} at most,",

@@ -922,7 +922,7 @@ fn places_on_a_gel_are_on_it() {
         ("from_tip_mm = [0.0, 80.0]", "", "the gel ends 56.6 mm from its tip"),
         ("from_tip_mm = -1.0", "", "from_tip_mm = -1"),
         ("around_deg = 5000.0", "", "around_deg = 5000"),
-        ("from_tip_mm = 3.0", "shear.x_mm = 0.5", "shear that neither pins nor the layer `flow` show"),
+        ("from_tip_mm = 3.0", "shear.x_mm = 0.5", "shear that neither pins nor the layers `flow` and `traction` show"),
     ] {
         folder.write("job.toml", job(pose, more));
         let found = folder.fail("plan job.toml", 2);

@@ -34,7 +34,7 @@ fn moved(rig: &Rig, contact: &Contact, motion: Motion) -> (DisplacementField, Op
     let load = contact.load.as_ref().expect("a contact");
     let mut field = in_plane.under_pressure(load);
     let outcome = setup.elastic.friction.map(|friction| {
-        let (traction, outcome) = solve_shear_from(setup.layer(), load, motion, friction, Some(&field));
+        let (traction, _, outcome) = solve_shear_from(setup.layer(), load, motion, friction, Some(&field));
         field.add(&in_plane.under_traction(&traction));
         outcome
     });
@@ -315,7 +315,7 @@ fn coulomb_s_law_lies_between_sliding_and_sticking() {
         let load = contact.load.as_ref().expect("a contact");
         let field = InPlaneResponse::new(setup.layer(), [9.6; 2], setup.mm_per_px).under_pressure(load);
         let friction = Friction::Coulomb { coefficient };
-        let (traction, _) = solve_shear_from(setup.layer(), load, Motion::default(), friction, Some(&field));
+        let (traction, ..) = solve_shear_from(setup.layer(), load, Motion::default(), friction, Some(&field));
         let column = ((traction.origin_mm[0] - load.origin_mm[0]) / 0.1).round() as usize;
         let row = ((traction.origin_mm[1] - load.origin_mm[1]) / 0.1).round() as usize;
         assert_eq!(traction.mm_per_px, load.mm_per_px);

@@ -12,6 +12,7 @@ use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_core::gelpad::material::Material;
 
 use super::inplane::oracle;
+use crate::shapes::Random;
 
 /// Of a ball of radius 1 mm, the side of the pressure's box, mm.
 const BOX_MM: f64 = 2.4;
@@ -48,6 +49,15 @@ fn force(load: &Load) -> f64 {
 
 fn along(x: f64) -> FrameMotion {
     FrameMotion { shift_mm: [x, 0.0], turn_rad: 0.0 }
+}
+
+/// An even pressure on a disc of radius 1 mm.
+fn punch(pixels: usize, pitch: f64) -> Load {
+    let start = -0.5 * (pixels - 1) as f64 * pitch;
+    let inside = |at: usize| (start + (at % pixels) as f64 * pitch).hypot(start + (at / pixels) as f64 * pitch) < 1.0;
+    let data = (0..pixels * pixels).map(|at| if inside(at) { 0.5 } else { 0.0 }).collect();
+    let pressure = Grid { width: pixels, height: pixels, data };
+    Load { pressure, origin_mm: [start; 2], mm_per_px: [pitch; 2] }
 }
 
 /// By how much less than a half-space a layer moves under a unit force, 1/mm over Young's modulus.
@@ -156,6 +166,120 @@ fn a_ball_that_is_turned_follows_lubkin() {
     // The pixels that touch reach half a pixel further than the contact.
     assert!(!slips && (1.0..1.06).contains(&stuck), "{stuck}");
     assert!(all_slip && (gross - 1.0).abs() < 2e-3, "{gross}");
+}
+
+#[test]
+fn whatever_is_turned_far_enough_is_held_by_friction_times_its_mean_radius() {
+    let pixels = 40;
+    let pitch = BOX_MM / pixels as f64;
+    let mut random = Random(11);
+    for (object, load) in [("ball", hertz(pixels, pitch, 1.0, 0.48, 0.0)), ("punch", punch(pixels, pitch))] {
+        for (h, nu) in [(0.8, 0.48), (3.0, 0.48), (3.0, 0.3), (10.0, 0.48)] {
+            for mu in [0.3, 1.0, 2.0] {
+                let mut most = 0.0;
+                for (at, p) in load.pressure.data.iter().enumerate() {
+                    let place = |k: usize| load.origin_mm[0] + k as f64 * pitch;
+                    most += mu * f64::from(*p) * place(at % pixels).hypot(place(at / pixels)) * pitch * pitch;
+                }
+                let mut history = FrictionHistory::new(layer(h, nu), mu, [pitch; 2], 1e-4);
+                history.step(&StepPressure::Load(&load), FrameMotion::default());
+                // It was pushed aside before.
+                let by = random.within(-0.2, 0.2);
+                let mut heat = history.step(&StepPressure::Unchanged, along(by)).heat;
+                let sums = history.contact_forces();
+                let (mut work, mut last) = (by * sums.force[0], sums.moment);
+                let turn_rad = 4.0_f64.to_radians();
+                for k in 0..270 {
+                    let step = history.step(&StepPressure::Unchanged, FrameMotion { shift_mm: [0.0; 2], turn_rad });
+                    assert!(step.solver.converged, "{step:?}");
+                    let moment = history.contact_forces().moment;
+                    work += 0.5 * (last + moment) * turn_rad;
+                    heat += step.heat;
+                    last = moment;
+                    assert!(heat <= work + 1e-3 * most, "{object} {h} {nu} {mu} {k}: {heat} of {work}");
+                }
+                let sums = history.contact_forces();
+                let (share, pulled) = (sums.moment / most, sums.force[0].hypot(sums.force[1]) / (mu * sums.normal));
+                println!("history: {object}, h {h}, nu {nu}, mu {mu}: {share:.4} of the torque, {pulled:.4} of mu N");
+                assert!((share - 1.0).abs() < 5e-3 && pulled < 0.01, "{object} {h} {nu} {mu}: {share} {pulled}");
+            }
+        }
+    }
+}
+
+#[test]
+fn work_becomes_heat_on_any_path() {
+    let pixels = 32;
+    let pitch = BOX_MM / pixels as f64;
+    let mut random = Random(7);
+    let (mut above, mut below) = (0.0_f64, 0.0_f64);
+    for number in 0..24 {
+        let (nu, mu) = (random.within(0.2, 0.499), 0.2 * 10_f64.powf(random.within(0.0, 1.0)));
+        let h = random.within(0.8, 8.0);
+        let round = number % 2 == 0;
+        // At nu 0.5 a thick pad moves along itself under no pressure: that motion feeds on the work of pressing.
+        let (nu, h) = if number % 3 == 0 { (0.4999, 12.0) } else { (nu, h) };
+        let load = |a: f64, at: f64| if round { hertz(pixels, pitch, a, nu, at) } else { punch(pixels, pitch) };
+        let mut history = FrictionHistory::new(layer(h, nu), mu, [pitch; 2], 1e-5);
+        let (mut a, mut rolled) = (if round { 0.8 } else { 1.0 }, 0.0);
+        history.step(&StepPressure::Load(&load(a, rolled)), FrameMotion::default());
+        let (mut work, mut heat) = (0.0_f64, 0.0_f64);
+        let mut last = ContactForces::default();
+        let mut advance = |history: &mut FrictionHistory, next: Option<&Load>, moved: FrameMotion| {
+            let normal = next.map_or(StepPressure::Unchanged, StepPressure::Load);
+            let step = history.step(&normal, moved);
+            let sums = history.contact_forces();
+            // Forces before and after, along the axes half way, on the way of the frame's origin.
+            let turned = |[x, y]: [f64; 2], angle: f64| {
+                let (sin, cos) = angle.sin_cos();
+                [cos * x - sin * y, sin * x + cos * y]
+            };
+            let half = 0.5 * moved.turn_rad;
+            let (before, after) = (turned(last.force, -half), turned(sums.force, half));
+            let way = turned(moved.shift_mm, -half);
+            work += (0..2).map(|k| 0.5 * (before[k] + after[k]) * way[k]).sum::<f64>();
+            work += 0.5 * (last.moment + sums.moment) * moved.turn_rad;
+            heat += step.heat;
+            last = sums;
+            [work, heat]
+        };
+        let mut sums = [0.0; 2];
+        for _ in 0..8 {
+            let steps = 40;
+            let (shift, turn) = ([random.within(-1.0, 1.0), random.within(-1.0, 1.0)], random.within(-1.0, 1.0));
+            let kind = (random.within(0.0, 4.0) as u32).min(3);
+            let (from, to) = (a, random.within(0.6, 1.1));
+            let roll =
+                if number % 3 == 0 && round { (random.within(-0.04, 0.04) - rolled).clamp(-0.04, 0.04) } else { 0.0 };
+            for k in 1..=steps {
+                let moves = |it: bool| if it { 1.0 / f64::from(steps) } else { 0.0 };
+                let moved = FrameMotion {
+                    shift_mm: shift.map(|mm| moves(kind == 0 || kind == 2) * mm),
+                    turn_rad: moves(kind == 1 || kind == 2) * turn,
+                };
+                let next = (kind == 3 && number % 3 == 0).then(|| {
+                    a = from + (to - from) * f64::from(k) / f64::from(steps);
+                    load(a, rolled + roll * f64::from(k) / f64::from(steps))
+                });
+                sums = advance(&mut history, next.as_ref(), moved);
+                let [work, heat] = sums;
+                // What is stored is left over.
+                below = below.min((work - heat) / work.max(1e-2));
+            }
+            rolled += if kind == 3 { roll } else { 0.0 };
+        }
+        let [work, heat] = sums;
+        let heat = heat + history.step(&StepPressure::NoContact, FrameMotion::default()).heat;
+        let over = heat / work - 1.0;
+        println!("history: path {number}, h {h:.2}, nu {nu:.3}, mu {mu:.2}: heat is {:+.2} % off work", 100.0 * over);
+        above = above.max(over.abs());
+    }
+    println!(
+        "history: heat and work of 24 paths: at most {:.2} % apart, never {:.2} % above",
+        100.0 * above,
+        -100.0 * below
+    );
+    assert!(above < 5e-3 && below > -5e-3, "{above} {below}");
 }
 
 #[test]
@@ -372,9 +496,17 @@ impl Plain {
     fn step(&mut self, load: &Load, shift: [f64; 2], turn: f64) {
         let (sin, cos) = turn.sin_cos();
         let back = |[x, y]: [f64; 2]| [cos * x + sin * y, cos * y - sin * x];
-        for list in [&mut self.tractions, &mut self.hold, &mut self.free] {
-            list.iter_mut().for_each(|v| *v = back(*v));
-        }
+        // Weighted with the pressure so far.
+        let total: f64 = self.pressure.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let mean = |of: &dyn Fn(usize) -> [f64; 2]| {
+            let sum = |k: usize| self.pressure.iter().enumerate().map(|(at, p)| p * of(at)[k]).sum::<f64>() / total;
+            [sum(0), sum(1)]
+        };
+        let centre = mean(&|at| self.place(at));
+        let force = self.tractions.iter().fold([0.0; 2], |sum, t| [sum[0] + t[0], sum[1] + t[1]]);
+        let square = (force[0] * force[0] + force[1] * force[1]).max(f64::MIN_POSITIVE);
+        let whole = mean(&|at| self.hold[at]);
+        let carried = force.map(|part| (whole[0] * force[0] + whole[1] * force[1]) / square * part);
         let nothing = Grid::new(self.pixels, self.pixels);
         let pushed =
             oracle(self.layer, [&load.pressure, &nothing, &nothing], [self.pitch; 2], 8.0 * self.layer.thickness_mm);
@@ -383,8 +515,9 @@ impl Plain {
         let anchor: Vec<[f64; 2]> = (0..count)
             .map(|at| {
                 let place = self.place(at);
-                let (shift, turned) = (back(shift), back(place));
-                [0, 1].map(|k| self.hold[at][k] + shift[k] + place[k] - turned[k])
+                let (shift, turned, kept) = (back(shift), back(centre), back(carried));
+                let wound = [-turn * (place[1] - centre[1]), turn * (place[0] - centre[0])];
+                [0, 1].map(|k| self.hold[at][k] + kept[k] - carried[k] + shift[k] + centre[k] - turned[k] + wound[k])
             })
             .collect();
         let limit: Vec<f64> = (0..count)

@@ -231,3 +231,42 @@ fn the_labels_contact_can_be_computed_from_the_written_mask() {
         }
     }
 }
+
+#[test]
+fn a_press_by_force_finds_the_depth_on_flat_and_curved_gels_for_one_object_and_several() {
+    let press = |sensor: &str, more: &str, force: &str| {
+        let text = format!(
+            "[dataset]\nname = \"a\"\nsamples = 4\n[[object]]\npath = \"objects/sphere.obj\"\n[[object]]\npath = \"objects/cube.obj\"\n\
+             [sensor]\n{sensor}\n[indentation]\nforce_n = {force}\n{more}"
+        );
+        let plan = plan(&text);
+        (0..4).map(|index| render(&plan, index).label).collect::<Vec<_>>()
+    };
+    let flat = "resolution_px = [96, 72]";
+    let several = "[scene]\nobjects_per_sample = 2\n[pose]\nx_mm = [-4.0, 4.0]\ny_mm = [-3.0, 3.0]\n";
+    let tactip = "preset = \"tactip\"\nresolution_px = [96, 96]";
+    for (sensor, more, force) in [
+        (flat, "", "[0.05, 5.0]"),
+        (flat, "[pose]\ntilt_deg = 10.0\n[shear]\nx_mm = 0.1\n[output]\nlayers = [\"flow\"]\n", "1.0"),
+        (flat, several, "[0.5, 2.0]"),
+        (tactip, "[pose]\nfrom_tip_mm = [0.0, 6.0]\naround_deg = [0.0, 360.0]\n", "[0.3, 1.5]"),
+    ] {
+        for label in press(sensor, more, force) {
+            assert!(label.health.healthy, "{}", label.health.reason);
+            let found = label.contact.total_force_n.expect("a known force");
+            let off = found / label.wanted_force_n - 1.0;
+            assert!(off.abs() <= label.force_tolerance * (1.0 + 1e-9), "{found} of {} N", label.wanted_force_n);
+            let most = if sensor == flat { 2e-3 } else { 2e-2 };
+            assert!(label.force_tolerance <= most, "{}", label.force_tolerance);
+            let depths: Vec<f64> = label.objects.iter().map(|object| object.indentation_depth_mm).collect();
+            assert!(label.indentation_depth_mm > 0.01 && depths.iter().all(|mm| *mm == depths[0]), "{depths:?}");
+        }
+    }
+    // More than the pad can give.
+    for label in press(flat, "", "1e5") {
+        assert!(!label.health.healthy && label.health.reason.contains("are wanted, but at"), "{}", label.health.reason);
+    }
+    // Some samples do not touch, and want nothing.
+    let label = press(flat, "no_contact = 1.0", "1.0").remove(0);
+    assert!(label.health.healthy && label.wanted_force_n == 0.0 && label.indentation_depth_mm == 0.0);
+}

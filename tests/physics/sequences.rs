@@ -3,6 +3,7 @@
 
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_core::gelpad::material::Material;
+use gelsim_job::sample::Sample;
 use gelsim_job::sequence::label::{FrameLabel, SequenceLabel, SlipState};
 use gelsim_job::sequence::render;
 
@@ -30,8 +31,8 @@ const SETUP: Setup = Setup {
     object: "sphere",
 };
 
-/// The label of a sequence; `each` is shown every frame's number, and how to get the pad's motion in its plane, mm.
-fn frames(setup: &Setup, phases: &[&str], mut each: impl FnMut(u32, &dyn Fn() -> Vec<[f32; 2]>)) -> SequenceLabel {
+/// The label of a sequence; `each` is shown every frame and its number.
+fn frames(setup: &Setup, phases: &[&str], mut each: impl FnMut(u32, &Sample)) -> SequenceLabel {
     let Setup { fidelity, field_of_view_mm: [width, height], thickness_mm, frame_rate_hz, friction, object } = setup;
     let phases: String =
         phases.iter().enumerate().map(|(k, phase)| format!("[[sequence.phase]]\nname = \"{k}\"\n{phase}\n")).collect();
@@ -42,7 +43,7 @@ fn frames(setup: &Setup, phases: &[&str], mut each: impl FnMut(u32, &dyn Fn() ->
          frame_rate_hz = {frame_rate_hz:?}\nfriction = {{ coefficient = {friction:?} }}\n{phases}"
     ));
     let done = render(&plan, 0, 0, |sample, number| {
-        each(number, &|| sample.impression.flow_mm());
+        each(number, &sample);
         Ok::<(), std::convert::Infallible>(())
     });
     let Ok(done) = done;
@@ -53,7 +54,7 @@ fn frames(setup: &Setup, phases: &[&str], mut each: impl FnMut(u32, &dyn Fn() ->
 /// The label of a sequence, and the pad's motion in its last frame.
 fn run(setup: &Setup, phases: &[&str]) -> (SequenceLabel, Vec<[f32; 2]>) {
     let mut last = Vec::new();
-    let label = frames(setup, phases, |_, flow| last = flow());
+    let label = frames(setup, phases, |_, sample| last = sample.impression.flow_mm());
     (label, last)
 }
 
@@ -169,6 +170,96 @@ fn a_push_out_and_back_leaves_force_and_motion_behind() {
 }
 
 #[test]
+fn what_a_lift_turns_into_heat_is_the_same_at_every_frame_rate() {
+    let phases =
+        ["duration_s = 0.2\ndepth_mm = 0.3", "duration_s = 0.4\nx_mm = 0.2", "duration_s = 0.2\ndepth_mm = -0.1"];
+    for (object, friction) in [("sphere", 0.5), ("sphere", 2.0), ("cube", 0.5)] {
+        let [few, many] = [25.0, 400.0].map(|frame_rate_hz| {
+            let setup = Setup { thickness_mm: 12.0, frame_rate_hz, object, friction, ..SETUP };
+            run(&setup, &phases).0.frames.iter().map(|frame| frame.slip.dissipated_nmm).sum::<f64>()
+        });
+        println!("sequences: {object}, mu {friction}: heat of a lift {few:.5} N mm, {many:.5} at 400 frames a second");
+        assert!((few / many - 1.0).abs() < 0.03, "{object} {friction}: {few} {many}");
+    }
+}
+
+#[test]
+fn a_twist_pulls_with_friction_times_the_pressure_in_the_picture() {
+    for (object, mu, thickness_mm) in [("sphere", 1.0, 4.0), ("sphere", 0.3, 2.0), ("cylinder", 1.0, 4.0)] {
+        let setup = Setup { fidelity: "high", friction: mu, thickness_mm, object, ..SETUP };
+        let mut pressure_kpa = Vec::new();
+        let phases = ["duration_s = 0.2\ndepth_mm = 0.5", "duration_s = 2.4\ntwist_deg = 120.0"];
+        let label = frames(&setup, &phases, |_, sample| {
+            pressure_kpa = sample.impression.pressure_kpa().expect("an elastic pad");
+        });
+        // 160 x 120 pixels of 0.1 mm.
+        let place = |k: usize, count: usize| 0.1 * (k as f64 + 0.5 - 0.5 * count as f64);
+        let torque = |(at, kpa): (usize, &f32)| f64::from(*kpa) * place(at % 160, 160).hypot(place(at / 160, 120));
+        let most = mu * 1e-5 * pressure_kpa.iter().enumerate().map(torque).sum::<f64>();
+        let share = last(&label).wrench.torque_nmm[2] / most;
+        println!("sequences: {object}, mu {mu}, {thickness_mm} mm: a twist of 120 degrees: {share:.4} of the torque");
+        assert!((share - 1.0).abs() < 5e-3, "{object} {mu}: {share}");
+    }
+}
+
+#[test]
+fn tractions_add_up_to_the_wrench_and_stay_below_friction_times_pressure() {
+    let phases = [
+        "duration_s = 0.2\ndepth_mm = 0.5",
+        "duration_s = 0.4\nx_mm = 0.3\ny_mm = -0.1",
+        "duration_s = 0.4\ntwist_deg = 40.0",
+    ];
+    for (object, fidelity, mu) in [("sphere", "draft", 0.4), ("sphere", "high", 1.0), ("cube", "standard", 0.3)] {
+        let setup = Setup { object, fidelity, friction: mu, ..SETUP };
+        let mut sums = Vec::new();
+        let label = frames(&setup, &phases, |_, sample| {
+            let mut sum = [0.0; 4];
+            for (at, t) in sample.impression.traction_kpa().expect("an elastic pad").iter().enumerate() {
+                let [x, y, z] = t.map(f64::from);
+                assert!(x.hypot(y) <= mu * z * (1.0 + 1e-5), "{object}: {t:?}");
+                // 160 x 120 pixels of 0.1 mm.
+                let [px, py] = [(at % 160, 160), (at / 160, 120)].map(|(k, n)| 0.1 * (k as f64 + 0.5 - 0.5 * n as f64));
+                let add = [x, y, -z, px * y - py * x];
+                sum = std::array::from_fn(|k| sum[k] + 1e-5 * add[k]);
+            }
+            sums.push(sum);
+        });
+        let mut worst = 0.0_f64;
+        for (frame, [x, y, z, torque]) in label.frames.iter().zip(sums) {
+            let [fx, fy, fz] = frame.wrench.force_n;
+            let off = [x - fx, y - fy, z - fz, torque - frame.wrench.torque_nmm[2]];
+            worst = off.iter().fold(worst, |most, off| most.max(off.abs() / fz.abs().max(1e-6)));
+        }
+        println!("sequences: {object}, {fidelity}: tractions are off the wrench by {worst:.1e} of its force");
+        assert!(worst < 1e-6, "{object} {fidelity}: {worst}");
+    }
+}
+
+#[test]
+fn tractions_of_a_press_add_up_to_its_labels() {
+    for (fidelity, friction) in [("standard", "\"stick\""), ("high", "{ coulomb = { coefficient = 0.4 } }")] {
+        let plan = plan(&format!(
+            "fidelity = {fidelity:?}\ndataset = {{ name = \"a\", samples = 1 }}\nobject = [{{ path = \"objects/sphere.obj\" }}]\n\
+             [sensor]\nresolution_px = [160, 120]\nfield_of_view_mm = [16.0, 12.0]\n[indentation]\ndepth_mm = 0.6\n\
+             [output]\nlayers = [\"traction\"]\n[shear]\nx_mm = 0.2\ntwist_deg = 4.0\nfriction = {friction}\n"
+        ));
+        let sample = gelsim_job::sample::render(&plan, 0);
+        let mut sum = [0.0; 3];
+        for t in sample.impression.traction_kpa().expect("an elastic pad") {
+            sum = std::array::from_fn(|k| sum[k] + 1e-5 * f64::from(t[k]));
+            assert!(fidelity == "standard" || f64::from(t[0].hypot(t[1])) <= 0.4 * f64::from(t[2]) * (1.0 + 1e-5));
+        }
+        let [x, y] = sample.label.shear.force_n.expect("an elastic pad");
+        let normal = sample.label.contact.force_n.expect("an elastic pad");
+        println!("sequences: {fidelity}: tractions of a press {sum:?}, labels {x} {y} {normal}");
+        assert!(x > 0.05 * normal);
+        for (sum, label) in sum.into_iter().zip([x, y, normal]) {
+            assert!((sum - label).abs() < 1e-5 * normal, "{sum} {label}");
+        }
+    }
+}
+
+#[test]
 fn twenty_five_frames_a_second_do_as_well_as_four_hundred() {
     let phases = [
         "duration_s = 0.4\ndepth_mm = 0.6",
@@ -181,9 +272,9 @@ fn twenty_five_frames_a_second_do_as_well_as_four_hundred() {
         let at = |frame_rate_hz: f64| {
             let mut flows = Vec::new();
             let setup = Setup { frame_rate_hz, object, friction: 0.5, ..SETUP };
-            let label = frames(&setup, &phases, |number, flow| {
+            let label = frames(&setup, &phases, |number, sample| {
                 if ends_s.iter().any(|end| (f64::from(number + 1) / frame_rate_hz - end).abs() < 1e-9) {
-                    flows.push((number, flow()));
+                    flows.push((number, sample.impression.flow_mm()));
                 }
             });
             (label, flows)

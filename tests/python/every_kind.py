@@ -8,7 +8,7 @@ import pickle
 import gelsim
 import pytest
 
-LAYERS = ["depth", "surface", "contact", "normal", "pressure", "gap", "markers", "reference", "flow", "untouched"]
+LAYERS = ["depth", "surface", "contact", "normal", "pressure", "gap", "markers", "reference", "flow", "traction", "untouched"]
 
 # As mixed as samples get: contact and none, relief, markers that move, a lens.
 PRESSES = """

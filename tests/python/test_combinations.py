@@ -101,6 +101,7 @@ AXES = {
         "on the axis": {"indentation.at": "axis"},
         "rolled": {"pose.roll_deg": 5.0, "pose.pitch_deg": [-5.0, 5.0]},
         "above": {"indentation.no_contact": 1.0},
+        "by force": {"indentation.force_n": 0.5},
     },
     "motion": {
         "none": press(),
@@ -119,7 +120,7 @@ AXES = {
     "layers": {
         "depth": {"output.layers": ["depth"]},
         "surface": {"output.layers": ["surface", "normal", "contact", "reference", "gap", "instance"]},
-        **{name: {"output.layers": [name]} for name in ["pressure", "points", "flow", "slip", "markers", "pins", "lamps", "untouched"]},
+        **{name: {"output.layers": [name]} for name in ["pressure", "points", "flow", "traction", "slip", "markers", "pins", "lamps", "untouched"]},
     },
     "files": {
         "tar": {},
@@ -170,14 +171,15 @@ REFUSALS = [
     (lambda row: row["layers"] == "untouched" and row["sensor"] == "tactip", "the pins of this sensor differ from sample to sample", "layer `untouched`", "pins with jitter, as of `tactip`"),
     (lambda row: row["layers"] == "slip" and not moves(row), "a single press has no slip", "layer `slip`", "single presses"),
     (lambda row: row["layers"] == "pressure" and not elastic(row), "knows no pressure", "layer `pressure`", BLURS),
-    (lambda row: row["layers"] == "flow" and not elastic(row), "knows no motion of the pad in its plane", "layer `flow`", BLURS),
+    (lambda row: row["layers"] == "flow" and not elastic(row), "knows no motion of the pad in its plane", "layers `flow`, `traction`", BLURS),
+    (lambda row: row["layers"] == "traction" and not elastic(row), "knows no tractions", "layers `flow`, `traction`", BLURS),
     (lambda row: row["object"] == "soft" and not elastic(row), "nothing gives way", "an object's `youngs_modulus_kpa`", BLURS),
     (lambda row: row["object"] == "soft" and moves(row), "the objects of a sequence are rigid", "an object's `youngs_modulus_kpa`", "`[sequence]`"),
     (lambda row: row["object"] == "own friction" and row["motion"] == "none" and row["gelpad"] != "stick", "uses the friction of an object", "an object's `friction`", "a job without any friction"),
     (lambda row: moves(row) and not elastic(row), "knows no tractions, which a sequence carries on", "`[sequence]`", BLURS),
     (lambda row: moves(row) and not held(row) and strains(row), "not for the frames of a sequence", "`[sequence]`", STRAIN),
     (lambda row: moves(row) and row["gelpad"] == "stick", "a sequence has a friction of its own", "`[sequence]`", "`gelpad.elastic.friction`"),
-    (lambda row: moves(row) and row["place"] == "on the axis", "the phases of a sequence say how deep", "`[sequence]`", "`[indentation]`"),
+    (lambda row: moves(row) and row["place"] in {"on the axis", "by force"}, "the phases of a sequence say how deep", "`[sequence]`", "`[indentation]`"),
     (lambda row: moves(row) and row["place"] == "above", "the phases of a sequence say whether", "`[sequence]`", "`[indentation]`"),
     (lambda row: moves(row) and row["fidelity"] == "a bound", "the level of a sequence is not chosen", "`[sequence]`", BOUND),
     (lambda row: row["fidelity"] == "a bound" and row["gelpad"] != "the level's", "leaves nothing to choose", "`gelpad`", BOUND),
@@ -190,7 +192,8 @@ REFUSALS = [
     (lambda row: held(row) and strains(row), "not for a gripper's two fingers", "`[gripper]`", STRAIN),
     (lambda row: held(row) and shaped(row), "a gripper's fingers are flat sensors", "`[gripper]`", "`[shape]`"),
     (lambda row: held(row) and row["files"] in {"folder", "floats"}, "a row of metadata.jsonl has one tactile image", "`[gripper]`", '`[output] container = "folder"`'),
-    (lambda row: held(row) and row["place"] == "on the axis", "says how deep each finger is pressed", "`[gripper]`", '`[indentation] depth_mm`, `at = "axis"`'),
+    (lambda row: row["place"] == "by force" and not elastic(row) and not moves(row) and not held(row), "knows no force", "`[indentation] force_n`", BLURS),
+    (lambda row: held(row) and row["place"] in {"on the axis", "by force"}, "says how deep each finger is pressed", "`[gripper]`", '`[indentation] depth_mm`, `force_n`, `at = "axis"`'),
     (lambda row: held(row) and not moves(row) and row["fidelity"] == "a bound", "the level of a gripper is not chosen", "`[gripper]`", BOUND),
     (lambda row: held(row) and row["objects"] == "several", "a gripper holds one object", SEVERAL, "`[gripper]`"),
     (lambda row: row["fingers"] == "two sensors" and row["optics"] == "the sensor's" and row["sensor"] in {"gelsight-series2", "calibrated"}, "the light of `", "`[gripper.right]`", "a sensor with another model of the light"),
@@ -199,7 +202,7 @@ REFUSALS = [
     (lambda row: shaped(row) and strains(row) and not moves(row) and not held(row), "not for a gel that has a shape", "`[shape]`", STRAIN),
     (lambda row: shaped(row) and row["extras"] == "print", "print on a gel that has a shape", "`[shape]`", "`[markers]`"),
     (lambda row: shaped(row) and row["extras"] == "lens", "on a gel that has a shape is not simulated", "`[shape]`", "`[camera] distortion_k1`, `distortion_k2`"),
-    (lambda row: shaped(row) and row["motion"] == "shear" and row["sensor"] != "tactip" and row["layers"] != "flow", "shear that neither pins nor the layer `flow` show", "`[shape]`", "`[shear]` that neither pins nor the layer `flow` show"),
+    (lambda row: shaped(row) and row["motion"] == "shear" and row["sensor"] != "tactip" and row["layers"] not in {"flow", "traction"}, "shear that neither pins nor the layers `flow` and `traction` show", "`[shape]`", "`[shear]` that neither pins nor the layers `flow` and `traction` show"),
     (lambda row: shaped(row) and row["motion"] == "shear" and row["place"] == "on the gel", "shear", "`from_tip_mm`, `around_deg`", "`[shear]`"),
 ]  # fmt: skip
 
@@ -223,6 +226,8 @@ def job(row):
     keys |= {} if row["sensor"] == "calibrated" else {"sensor.resolution_px": [32, 24]}
     for axis, value in row.items():
         keys |= AXES[axis][value]
+    if row["place"] == "by force":
+        keys.pop("indentation.depth_mm", None)
     if held(row):
         # Fingers are closed, not pressed in.
         keys.pop("indentation.depth_mm", None)

@@ -29,6 +29,7 @@ UNITS = {
     "instance": "number of the object that the pad touches, from 1 in the label's objects; 0 elsewhere",
     "slip": "128 where the pad sticks to the object, 255 where it slips",
     "flow": "mm, motion of the pad's surface to the right and down",
+    "traction": "kPa, force of the object on the pad by area: X to the right, Y down, Z into the pad",
     "points": "mm in the sensor's frame, X, Y, Z of the pad's surface",
     "untouched": "8-bit RGB: the image without contact at another moment, with noise of its own",
     "markers/rest_px": "px; the first pixel's centre is at (0.5, 0.5)",

@@ -21,6 +21,7 @@ pub mod sliding;
 pub mod subpixel;
 pub mod tangential;
 pub mod total_contact;
+pub mod traction_map;
 
 use crate::base::simd::{largest_value, simd_dispatch};
 use elastic::elastic_object::DeformedObject;

@@ -15,6 +15,7 @@ use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic};
 use super::material::Material;
 use super::planar::{PlanarFrame, PlanarMotion};
+use super::traction_map::TractionMap;
 use crate::base::chart::Chart;
 use crate::base::gel::Site;
 use crate::base::grid::{Grid, Rect, Resolution, bounding_box};
@@ -470,6 +471,12 @@ impl Sliding {
             })
         });
         in_plane.under_load_and_forces(load, points)
+    }
+
+    /// Returns the tractions and the pressure of the last step; `None` without contact.
+    pub(crate) fn traction_map(&self) -> Option<TractionMap> {
+        let (tractions, pressure) = self.history.traction_field()?;
+        Some(TractionMap::new(tractions, pressure, self.frame, self.youngs_modulus_kpa))
     }
 
     /// Returns the state of the pad (sticks or slips) at the pixels of a view that touch.

@@ -6,7 +6,9 @@ use super::elastic::layer::ElasticLayer;
 use super::elastic::placed::PlacedDisplacement;
 use super::elastic::shear::{self, Friction, Motion};
 use super::material::Material;
+use super::planar::PlanarFrame;
 use super::sliding::Sliding;
+use super::traction_map::TractionMap;
 use crate::effects::{Effect, EffectLog, Requirement};
 
 /// Motion of the pad's surface in its own plane.
@@ -16,6 +18,8 @@ pub struct TangentialMotion {
     pub field: DisplacementField,
     /// Result of the friction solver, if the object was moved or turned, or friction held the pad during the press.
     pub shear: Option<shear::ShearOutcome>,
+    /// The tractions of that, with the pressure.
+    pub tractions: Option<TractionMap>,
 }
 
 /// Motion of an object in the pad's plane after the press, and the friction between pad and object.
@@ -48,7 +52,7 @@ pub fn solve_tangential_motion(
         effects.enable(Effect::Shear, Requirement::Absent("a sequence moves its object from frame to frame"));
         let (in_plane, load) = in_plane.zip(load)?;
         let field = effects.run_timed(Effect::Markers, || carried.displacement_field(in_plane, load));
-        return Some(TangentialMotion { field, shear: None });
+        return Some(TangentialMotion { field, shear: None, tractions: None });
     }
     let still = |shear: &Shear| shear.motion.shift_mm == [0.0; 2] && shear.motion.twist_rad == 0.0;
     let need = match (shear, in_plane, load) {
@@ -77,11 +81,12 @@ pub fn solve_tangential_motion(
         let motion = moved.map_or(Motion { about_mm, ..Motion::default() }, |shear| shear.motion);
         effects.run_timed(effect, || {
             let pushed = held.is_some().then_some(&field);
-            let (traction, outcome) =
+            let (traction, pressure, outcome) =
                 shear::solve_shear_from(ElasticLayer::new(material), load, motion, friction, pushed);
             field.add(&in_plane.under_traction(&traction));
-            outcome
+            (outcome, TractionMap::new(traction, pressure, PlanarFrame::default(), material.youngs_modulus_kpa))
         })
     });
-    Some(TangentialMotion { field, shear })
+    let (shear, tractions) = shear.unzip();
+    Some(TangentialMotion { field, shear, tractions })
 }

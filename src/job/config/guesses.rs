@@ -223,7 +223,9 @@ const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
 const CHOICE_GUESSES: &[(&[&str], &[&str])] = &[
     (&["heightmap", "height_map", "height", "deformation", "displacement"], &["surface"]),
     (&["mask", "contact_mask", "segmentation", "contact_area"], &["contact", "instance"]),
-    (&["force", "forces", "force_map", "stress", "normal_force"], &["pressure"]),
+    (&["force", "pressures", "normal_force"], &["pressure"]),
+    (&["forces", "force_map", "force_field", "stress"], &["traction"]),
+    (&["tractions", "shear_force", "shear_stress", "tangential_force", "friction_force"], &["traction"]),
     (&["normals", "gradient", "gradients", "normal_map"], &["normal"]),
     (&["point_cloud", "pointcloud", "xyz"], &["points"]),
     (&["shear", "optical_flow", "motion"], &["flow"]),

@@ -214,8 +214,10 @@ impl Face {
 #[serde(default, deny_unknown_fields)]
 pub struct Indentation {
     /// Depth of the object below the undeformed pad, mm; 0 to the pad's thickness.
-    #[schemars(required)]
     pub depth_mm: Option<Quantity>,
+    /// Normal force of all objects on the pad, N, in place of `depth_mm`: the depth that gives it is searched for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force_n: Option<Quantity>,
     /// Where the depth is measured.
     #[serde(skip_serializing_if = "At::is_lowest")]
     pub at: At,

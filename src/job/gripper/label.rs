@@ -139,6 +139,8 @@ impl GripLabel {
             header: self.header.clone(),
             pose: finger.pose,
             indentation_depth_mm: finger.indentation_depth_mm,
+            wanted_force_n: 0.0,
+            force_tolerance: 0.0,
             // A gripper holds a single object.
             objects: Vec::new(),
             unplaced_objects: 0,

@@ -5,7 +5,6 @@ use glam::DVec3;
 use super::Scope;
 use super::check::JobChecker;
 use crate::config::Job;
-use crate::layers::OutputLayer;
 use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
 use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole};
 use gelsim_files::number_format::format_number;
@@ -343,8 +342,8 @@ pub fn check_curved_job(check: &mut JobChecker<'_>, job: &Job, scope: Scope) {
     let moved =
         [&job.shear.x_mm, &job.shear.y_mm, &job.shear.twist_deg].map(|quantity| quantity.support() != (0.0, 0.0));
     let sheared = moved.iter().any(|moved| *moved);
-    let shown = job.sensor.pins.is_some() || job.output.layers.contains(&OutputLayer::Flow);
-    refuse(sheared && !shown, "shear", "shear that neither pins nor the layer `flow` show");
+    let shown = job.sensor.pins.is_some() || super::shows_motion(&job.output.layers);
+    refuse(sheared && !shown, "shear", "shear that neither pins nor the layers `flow` and `traction` show");
     refuse(sheared && placed, "shear.x_mm", "shear beside from_tip_mm or around_deg");
     let camera = &job.camera;
     for (name, quantity) in [("distortion_k1", &camera.distortion_k1), ("distortion_k2", &camera.distortion_k2)] {

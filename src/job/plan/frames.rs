@@ -46,9 +46,8 @@ impl FrameSettings<'_> {
         written.job.sequence = self.sequence.then(Sequence::default);
         let plan = Plan::resolve_in(Scope::Frames, written, problems)?;
         let sensor = plan.simulator.sensor();
-        if self.moved && sensor.shape.is_some() && sensor.pins.is_none() && !self.layers.contains(&OutputLayer::Flow) {
-            let message =
-                "shear that neither pins nor the layer `flow` show on a gel that has a shape is not simulated";
+        if self.moved && sensor.shape.is_some() && sensor.pins.is_none() && !super::shows_motion(self.layers) {
+            let message = "shear that neither pins nor the layers `flow` and `traction` show on a gel that has a shape is not simulated";
             return Err(user_error(message, "leave shear_x_mm, shear_y_mm and twist_deg out, or add --layers flow"));
         }
         let sampling = SampleSources {

@@ -37,13 +37,15 @@ pub fn check_gripper(
         refuse_folder_container(check, job);
         return;
     }
-    if job.indentation.depth_mm.is_some() {
-        let help = "leave it out: squeeze_mm under [gripper] is the depth of both fingers together";
-        check.report_error(
-            "indentation.depth_mm",
-            "a gripper's width or force says how deep each finger is pressed",
-            help,
-        );
+    for (key, given) in [("depth_mm", &job.indentation.depth_mm), ("force_n", &job.indentation.force_n)] {
+        if given.is_some() {
+            let help = match key {
+                "depth_mm" => "leave it out: squeeze_mm under [gripper] is the depth of both fingers together",
+                _ => "leave it out: force_n under [gripper] is the force of each finger",
+            };
+            let message = "a gripper's width or force says how deep each finger is pressed";
+            check.report_error(&format!("indentation.{key}"), message, help);
+        }
     }
     if job.indentation.at != At::Lowest {
         let help = "leave it out: an object is held where both fingers press it equally";

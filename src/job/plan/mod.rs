@@ -356,11 +356,18 @@ impl Plan {
 
     /// Returns true if the job needs a gelpad model that solves the contact, for pressures or tractions.
     pub fn solves_contact(&self) -> bool {
-        let Job { sensor, sequence, gripper, object, .. } = &self.job;
+        let Job { sensor, sequence, gripper, object, indentation, .. } = &self.job;
         let layers = self.layers();
-        let of_contact = [OutputLayer::Pressure, OutputLayer::Flow].iter().any(|layer| layers.contains(layer));
+        let of_contact = [OutputLayer::Pressure, OutputLayer::Flow, OutputLayer::Traction]
+            .iter()
+            .any(|layer| layers.contains(layer));
         let soft = object.iter().any(|object| object.youngs_modulus_kpa.is_some());
-        of_contact || soft || sensor.shape.is_some() || sequence.is_some() || gripper.is_some()
+        of_contact
+            || soft
+            || indentation.force_n.is_some()
+            || sensor.shape.is_some()
+            || sequence.is_some()
+            || gripper.is_some()
     }
 
     /// Returns the bound by which the job's fidelity level is still to be chosen; `None` if it is chosen.
@@ -434,10 +441,15 @@ pub fn job_fidelity(job: &Job) -> Fidelity {
     job.fidelity.map_or(Fidelity::default(), |fidelity| fidelity.level().unwrap_or(Fidelity::Reference))
 }
 
+/// Returns true if a layer shows how friction moves or pulls the pad along its surface.
+pub(crate) fn shows_motion(layers: &[OutputLayer]) -> bool {
+    layers.iter().any(|layer| matches!(layer, OutputLayer::Flow | OutputLayer::Traction))
+}
+
 /// Creates the simulator for the layers that a job needs.
 fn create_simulator(sensor: Sensor, models: Models, policy: EffectPolicy, job: &Job) -> Simulator {
     let simulator = Simulator::with_models(sensor, models, policy);
-    if job.output.layers.contains(&OutputLayer::Flow) { simulator.with_flow() } else { simulator }
+    if shows_motion(&job.output.layers) { simulator.with_flow() } else { simulator }
 }
 
 fn chosen_models(job: &Job) -> Models {

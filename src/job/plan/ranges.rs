@@ -7,6 +7,7 @@ use super::sensors::number_support;
 use crate::config::Job;
 use crate::config::document::Document;
 use crate::config::fidelity::FidelityChoice;
+use crate::config::scene::At;
 use crate::config::texture::TextureDistribution;
 use crate::layers::OutputLayer;
 use gelsim_core::camera::lens;
@@ -351,6 +352,24 @@ pub fn check_pose(check: &mut JobChecker<'_>, job: &Job, sensor_known: bool) {
     if job.gripper.is_some() {
         return;
     }
+    if let Some(force) = &job.indentation.force_n {
+        check.require_quantity_in_range("indentation.force_n", force, 1e-6..=1e6, "N");
+        if job.indentation.depth_mm.is_some() {
+            check.report_error("indentation.force_n", "both `depth_mm` and `force_n` say how deep", "keep one of them");
+        }
+        if job.indentation.at != At::Lowest {
+            let help = "leave it out: a force is that of the object wherever it touches";
+            check.report_error("indentation.at", "`force_n` says how deep the object is", help);
+        }
+        let gelpad = super::chosen_models(job).gelpad;
+        if !gelpad.knows_pressure() {
+            let message = format!("the gelpad model `{}` knows no force", gelpad.name());
+            let help = format!("write depth_mm, or {}", remedies::suggest_solving_gelpad(check.document));
+            check.report_error("indentation.force_n", message, help);
+        }
+        check.require_in_range("indentation.no_contact", job.indentation.no_contact, 0.0..=1.0, "");
+        return;
+    }
     match &job.indentation.depth_mm {
         None => {
             let thickness_mm = if sensor_known { remedies::min_thickness_mm(job) } else { 4.0 };
@@ -486,9 +505,14 @@ pub fn check_layers(check: &mut JobChecker<'_>, job: &Job, gelpad: &gelpad::Mode
                 let help = format!("leave `pressure` out, or {}", remedies::suggest_solving_gelpad(check.document));
                 check.report_error(&path, message, help);
             }
-            OutputLayer::Flow if !gelpad.knows_tractions() => {
-                let message = format!("the gelpad model `{}` knows no motion of the pad in its plane", gelpad.name());
-                let help = format!("leave `flow` out, or {}", remedies::suggest_solving_gelpad(check.document));
+            OutputLayer::Flow | OutputLayer::Traction if !gelpad.knows_tractions() => {
+                let unknown = match layer {
+                    OutputLayer::Flow => "motion of the pad in its plane",
+                    _ => "tractions",
+                };
+                let message = format!("the gelpad model `{}` knows no {unknown}", gelpad.name());
+                let help =
+                    format!("leave `{}` out, or {}", layer.name(), remedies::suggest_solving_gelpad(check.document));
                 check.report_error(&path, message, help);
             }
             OutputLayer::Untouched

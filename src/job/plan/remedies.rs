@@ -20,7 +20,7 @@ pub fn min_thickness_mm(job: &Job) -> f64 {
 
 /// Suggests how to turn a job whose depth is given by a table such as `[sequence]` into one of single presses.
 pub fn suggest_single_presses(job: &Job, without: &str) -> String {
-    match job.indentation.depth_mm {
+    match job.indentation.depth_mm.as_ref().or(job.indentation.force_n.as_ref()) {
         Some(_) => format!("leave {without} out"),
         None => format!("leave {without} out, and write {} under [indentation]", suggest_depth(min_thickness_mm(job))),
     }

@@ -18,12 +18,15 @@ const MAX_PHASES: usize = 1000;
 
 /// Checks `[sequence]` and what stands beside it. The pad's thickness is known only if `sensor_known`.
 pub fn check_sequence(check: &mut JobChecker<'_>, job: &Job, sequence: &Sequence, sensor_known: bool) {
-    if job.indentation.depth_mm.is_some() {
+    for (key, given) in [("depth_mm", &job.indentation.depth_mm), ("force_n", &job.indentation.force_n)] {
         let help = match job.gripper {
             None => "leave it out: each [[sequence.phase]] says depth_mm or force_n",
             Some(_) => "leave it out: each [[sequence.phase]] says squeeze_mm, width_mm or force_n",
         };
-        check.report_error("indentation.depth_mm", "the phases of a sequence say how deep the object is", help);
+        if given.is_some() {
+            let message = "the phases of a sequence say how deep the object is";
+            check.report_error(&format!("indentation.{key}"), message, help);
+        }
     }
     if job.indentation.at != At::Lowest {
         let help = match job.gripper {

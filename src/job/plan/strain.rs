@@ -3,6 +3,7 @@
 use super::check::JobChecker;
 use super::{Plan, Scope, chosen_models};
 use crate::config::Job;
+use crate::layers::OutputLayer;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::gelpad;
 use gelsim_core::gelpad::elastic::shear::Friction;
@@ -27,6 +28,12 @@ pub fn check_strain(check: &mut JobChecker<'_>, job: &Job, scope: Scope) {
         let written = keys.into_iter().find(|key| check.document.get(key).is_some());
         check.report_error(written.unwrap_or(path), message, help);
     }
+    if let Some(index) = job.output.layers.iter().position(|layer| *layer == OutputLayer::Traction)
+        && model.friction() == Some(Friction::Stick)
+    {
+        let message = "the tractions of a pad that sticks at finite strain are not known";
+        check.report_error(&format!("output.layers.{index}"), message, "leave `traction` out, or take a linear pad");
+    }
     if let Some(Friction::Coulomb { .. }) = model.friction() {
         let path = format!("gelpad.{}.friction", model.name());
         let message = "at finite strain the pad sticks or slides freely: Coulomb friction is not simulated";
@@ -47,8 +54,9 @@ impl Plan {
         let slips = matches!(friction, Some(Friction::Coulomb { .. }))
             || friction.is_some() && object.iter().any(|object| object.friction.is_some());
         let fits = sequence.is_none() && gripper.is_none() && sensor.shape.is_none() && !slips;
+        let unknown = friction.is_some() && self.job.output.layers.contains(&OutputLayer::Traction);
         let is_linear = level.models(sensor.light_source()).gelpad.strain_settings().is_none();
-        is_linear || fits && self.other_sensors.iter().all(|other| other.allows_level(level))
+        is_linear || fits && !unknown && self.other_sensors.iter().all(|other| other.allows_level(level))
     }
 }
 

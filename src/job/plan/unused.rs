@@ -4,7 +4,7 @@ use super::chosen_models;
 use crate::config::Job;
 use crate::config::dataset::{ObjectOrder, SplitBy};
 use crate::config::document::{Document, RESOLVED_HEADER};
-use crate::layers::{LayerCoding, OutputLayer};
+use crate::layers::LayerCoding;
 use gelsim_core::optics;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::mesh::Format;
@@ -43,12 +43,12 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
     note("output.exr", writes_exr, "no layer is written as EXR", "leave it out");
     let shows_motion = job.markers.is_some()
         || job.sensor.pins.is_some()
-        || layers.contains(&OutputLayer::Flow)
+        || super::shows_motion(&layers)
         || job.gripper.as_ref().is_some_and(|gripper| gripper.right.is_some());
     note(
         "shear",
         shows_motion || !job.shear.has_motion(),
-        "only markers, pins and the layer `flow` show how the pad moves in its own plane",
+        "only markers, pins and the layers `flow` and `traction` show how the pad moves in its own plane",
         "add a [markers] table or the layer flow",
     );
     note(

@@ -268,6 +268,8 @@ impl SequenceLabel {
             header: common.header.clone(),
             pose: most.pose,
             indentation_depth_mm: most.indentation_depth_mm,
+            wanted_force_n: 0.0,
+            force_tolerance: 0.0,
             objects: Vec::new(),
             unplaced_objects: 0,
             texture: common.texture.clone(),

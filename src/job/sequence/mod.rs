@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::config::output::OnUnhealthy;
 use crate::config::sequence::{Phase, Sequence, SequenceFriction};
-use crate::force::{MAX_DEPTH_RATIO, find_depth_for_force};
+use crate::force::{FORCE_TOLERANCE, MAX_DEPTH_RATIO, find_depth_for_force};
 use crate::label::Label;
 use crate::plan::Plan;
 use crate::sample::{MAX_ATTEMPTS, RejectedSample, Sample};
@@ -26,9 +26,6 @@ pub(crate) mod timeline;
 use label::{FrameLabel, SequenceInfo, SequenceLabel};
 use motion::{DrawnPhase, ObjectMover, PhaseGoal};
 use timeline::{PhaseEnd, Timeline};
-
-/// Relative tolerance with which a force is met.
-const FORCE_TOLERANCE: f64 = 2e-3;
 
 /// In one step the contact rolls at most over one of this many parts of the view's longer side.
 pub(crate) const ROLLING_PX: f64 = 160.0;

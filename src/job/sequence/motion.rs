@@ -12,6 +12,10 @@ use gelsim_core::pose::{Pose, Side, rotation_about};
 /// The greatest turn in a step, degrees. The friction model takes the chord of the turn for the path.
 const MAX_TURN_DEG: f64 = 5.0;
 
+/// The greatest share of its depth by which an object is lifted in a step. What slips meanwhile loses its traction on
+/// the way.
+const MAX_FALL: f64 = 0.25;
+
 /// A phase as it was drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DrawnPhase {
@@ -95,7 +99,8 @@ impl<'a> ObjectMover<'a> {
     /// Moves on by the fraction `share` of a phase's motion, to a depth. Appends the steps on the way to `steps`.
     pub fn advance(&mut self, phase: &DrawnPhase, share: f64, depth_mm: f64, steps: &mut Vec<ObjectStep>) {
         let [twist, tilt] = [phase.twist_deg, phase.tilt_deg].map(|degrees| share * degrees);
-        let count = (twist.abs() / MAX_TURN_DEG).max(tilt.abs() / self.most_tilt_deg);
+        let fall = if self.depth_mm > 0.0 { (self.depth_mm - depth_mm.max(0.0)) / self.depth_mm } else { 0.0 };
+        let count = (twist.abs() / MAX_TURN_DEG).max(tilt.abs() / self.most_tilt_deg).max(fall / MAX_FALL);
         // The tolerance keeps rounding from adding a step.
         let count = libm::ceil(count - 1e-9).max(1.0) as u32;
         let part = 1.0 / f64::from(count);

@@ -33,7 +33,7 @@ pub fn has_picture(layer: OutputLayer) -> bool {
     match layer.spec().form {
         LayerForm::Grey | LayerForm::Rgb => true,
         LayerForm::Floats { channels, .. } => {
-            channels.len() == 1 || matches!(layer, OutputLayer::Normal | OutputLayer::Flow)
+            channels.len() == 1 || matches!(layer, OutputLayer::Normal | OutputLayer::Flow | OutputLayer::Traction)
         }
         LayerForm::Positions => false,
     }
@@ -47,6 +47,8 @@ pub enum Panel {
     Numbers(OutputLayer, Grid<f32>),
     /// A vector in the image's plane for each pixel.
     Vectors(OutputLayer, Grid<[f32; 2]>),
+    /// A traction along the picture and into it for each pixel.
+    Tractions(Grid<[f32; 3]>),
 }
 
 impl Panel {
@@ -65,6 +67,10 @@ impl Panel {
                     .map(Self::Picture)
             }
             (_, [numbers]) => Some(Self::Numbers(layer, Grid { width, height, data: numbers.clone() })),
+            (OutputLayer::Traction, [x, y, z]) => {
+                let data = (0..x.len()).map(|at| [x[at], y[at], z[at]]).collect();
+                Some(Self::Tractions(Grid { width, height, data }))
+            }
             (_, [x, y]) => {
                 let data = x.iter().zip(y).map(|(x, y)| [*x, *y]).collect();
                 Some(Self::Vectors(layer, Grid { width, height, data }))
@@ -100,12 +106,70 @@ impl Panel {
                 let level = |value: f32| (128.0 + 127.0 * f64::from(value) / longest) as u8;
                 paint_grid(grid, |[x, y]| Rgb([level(x), level(y), 128]))
             }
+            Self::Tractions(grid) => {
+                let scale = scales.scale_of(OutputLayer::Traction);
+                let mut picture = paint_grid(grid, |[.., z]| scale.colour_at(f64::from(z.max(0.0))));
+                draw_arrows(&mut picture, grid, scale.high);
+                picture
+            }
         }
     }
 }
 
 fn paint_grid<T: Copy + Default>(grid: &Grid<T>, colour: impl Fn(T) -> Rgb<u8>) -> RgbImage {
     RgbImage::from_fn(grid.width as u32, grid.height as u32, |x, y| colour(grid.at(x as usize, y as usize)))
+}
+
+/// Fields along the longer side of a picture.
+const ARROWS: usize = 28;
+
+/// Draws the mean of the tractions along the picture in each of its fields as an arrow. The longest spans two and a half
+/// fields, unless it stands for less than a hundredth of `high`.
+fn draw_arrows(picture: &mut RgbImage, grid: &Grid<[f32; 3]>, high: f64) {
+    const COLOUR: Rgb<u8> = Rgb([230, 159, 0]);
+    let field = grid.width.max(grid.height).div_ceil(ARROWS).max(1);
+    let mut arrows: Vec<([f64; 2], [f64; 2])> = Vec::new();
+    for top in (0..grid.height).step_by(field) {
+        for left in (0..grid.width).step_by(field) {
+            let (bottom, right) = ((top + field).min(grid.height), (left + field).min(grid.width));
+            let mut sum = [0.0; 2];
+            for y in top..bottom {
+                for [x, y, _] in &grid.row(y)[left..right] {
+                    sum = [sum[0] + f64::from(*x), sum[1] + f64::from(*y)];
+                }
+            }
+            let count = ((bottom - top) * (right - left)) as f64;
+            arrows.push(([0.5 * (left + right) as f64, 0.5 * (top + bottom) as f64], sum.map(|part| part / count)));
+        }
+    }
+    let length = |[x, y]: [f64; 2]| libm::hypot(x, y);
+    let longest = arrows.iter().map(|(_, mean)| length(*mean)).fold(0.01 * high, f64::max);
+    // Sheets show pictures smaller.
+    let thick = (field / 8).max(1) as i64;
+    let mut draw_line = |from: [f64; 2], to: [f64; 2]| {
+        let steps = libm::ceil((to[0] - from[0]).abs().max((to[1] - from[1]).abs())).max(1.0);
+        for step in 0..=steps as usize {
+            let [x, y] = [0, 1].map(|k| (from[k] + (to[k] - from[k]) * step as f64 / steps) as i64 - thick / 2);
+            for (x, y) in (0..thick * thick).map(|at| (x + at % thick, y + at / thick)) {
+                if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
+                    && let Some(pixel) = picture.get_pixel_mut_checked(x, y)
+                {
+                    *pixel = COLOUR;
+                }
+            }
+        }
+    };
+    for (from, mean) in arrows {
+        let [x, y] = mean.map(|part| 2.5 * field as f64 * part / longest);
+        // Also leaves out what is not finite.
+        if length([x, y]) >= 0.3 * field as f64 && length([x, y]).is_finite() {
+            let tip = [from[0] + x, from[1] + y];
+            draw_line(from, tip);
+            for side in [-0.6, 0.6] {
+                draw_line(tip, [tip[0] - 0.3 * (x + side * y), tip[1] - 0.3 * (y - side * x)]);
+            }
+        }
+    }
 }
 
 /// Colour of a numbered object: those of Okabe and Ito that stand out on black. 0 is the background.
@@ -174,6 +238,10 @@ impl Scales {
                     let known = || grid.data.iter().copied().filter(|value| is_known(*layer, *value));
                     count(*layer, known().fold(0.0, f32::max));
                     count(*layer, known().fold(0.0, f32::min));
+                }
+                Panel::Tractions(grid) => {
+                    let sizes = grid.data.iter().flatten().map(|part| part.abs()).filter(|size| size.is_finite());
+                    count(OutputLayer::Traction, sizes.fold(0.0, f32::max));
                 }
                 Panel::Vectors(layer, grid) => {
                     let sizes = grid.data.iter().flatten().map(|part| part.abs()).filter(|size| size.is_finite());
@@ -246,6 +314,9 @@ impl Heading {
         match (layer, scales.end_labels(layer)) {
             (OutputLayer::Normal, _) => Self { more: PLANE, ..plain },
             (OutputLayer::Flow, Some((_, high))) => Self { name: format!("flow to {high}"), more: PLANE, scale: None },
+            (OutputLayer::Traction, Some((_, high))) => {
+                Self { name: format!("traction to {high}"), more: Some("arrows: along the pad"), scale: None }
+            }
             (_, Some((low, high))) => Self { scale: Some((low, high, scales.scale_of(layer))), ..plain },
             (_, None) => plain,
         }
@@ -343,6 +414,23 @@ mod tests {
     }
 
     #[test]
+    fn tractions_are_arrows_over_pressure() {
+        let size = [48, 24];
+        let plane = |value: f32| vec![value; 48 * 24];
+        let panel =
+            Panel::from_planes(OutputLayer::Traction, size, &[plane(4.0), plane(0.0), plane(8.0)]).expect("one");
+        let scales = Scales::from_panels([&panel]);
+        let picture = panel.to_picture(&scales);
+        let is_arrow = |pixel: &Rgb<u8>| *pixel == Rgb([230, 159, 0]);
+        let arrows = picture.pixels().filter(|pixel| is_arrow(pixel)).count();
+        assert!((100..1100).contains(&arrows), "{arrows}");
+        assert!(picture.pixels().any(|pixel| *pixel == Rgb([255; 3])), "the highest pressure is white");
+        let still =
+            Panel::from_planes(OutputLayer::Traction, size, &[plane(0.0), plane(0.0), plane(8.0)]).expect("one");
+        assert!(!still.to_picture(&scales).pixels().any(is_arrow));
+    }
+
+    #[test]
     fn normals_and_flow_have_colours_of_their_own_and_clouds_of_points_no_picture() {
         let plane = |value: f32| vec![value; 2];
         let flat =
@@ -356,7 +444,7 @@ mod tests {
         assert!(Panel::from_planes(OutputLayer::Points, [2, 1], &three).is_none());
         assert!(Panel::from_planes(OutputLayer::Depth, [3, 1], &[plane(0.0)]).is_none(), "too few values");
         let shown = OutputLayer::ALL.into_iter().filter(|layer| has_picture(*layer)).map(OutputLayer::name);
-        let expected = "depth surface contact normal pressure gap reference slip flow instance untouched";
+        let expected = "depth surface contact normal pressure gap reference slip flow traction instance untouched";
         assert_eq!(shown.collect::<Vec<_>>().join(" "), expected);
     }
 

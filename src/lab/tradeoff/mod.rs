@@ -439,7 +439,7 @@ fn build_rows(all: &[LevelComparison], chosen: &[usize]) -> Vec<LevelRow> {
 
 /// Presses sample `index` into a pad seen by another camera.
 fn press_sample(plan: &Plan, index: u64, camera: &View, pad: &Pad) -> Contact {
-    let scene = Scene::draw(plan, index, 0);
+    let scene = Scene::draw_pressed(plan, index, 0);
     let window = CaptureWindow { above_mm: plan.thickness_mm(), ..pad.capture_window(scene.deepest_mm()) };
     pad.press(&depth::capture_indenter(&scene.indenter(plan), camera, window, plan.thickness_mm()))
 }

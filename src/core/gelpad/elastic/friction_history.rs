@@ -4,9 +4,15 @@
 //! in all directions, so its response in the frame is the same, too. A point of the pad that sticks stays in one pixel;
 //! nothing is resampled from step to step, so nothing gets lost in slow motion. The pressure is not affected by the
 //! tractions (Goodman 1962).
+//!
+//! When the object turns, the mean displacement under it keeps its direction in the pad. What differs from the mean
+//! winds up with the object, as in linear torsion: under an object that slips all around, displacements stay as they
+//! are in the frame, so tractions follow the object's velocity. Slip then turns into heat what the work of the
+//! tractions does not store. With displacements u and tractions t, the stored energy t.u / 2 changes in a step by the
+//! mean of t before and after times the change of u in the frame.
 
 use super::coulomb::{self, TractionOutcome};
-use super::in_plane::Load;
+use super::in_plane::{Load, TractionField};
 use super::layer::ElasticLayer;
 use super::traction_grid::{TractionGrid, Vector, vector_length};
 use crate::base::angle::PlanarRotation;
@@ -113,14 +119,14 @@ impl FrictionHistory {
     pub fn step(&mut self, normal: &StepPressure<'_>, moved: FrameMotion) -> StepOutcome {
         match normal {
             StepPressure::NoContact => {
-                self.contact = None;
-                return StepOutcome::default();
+                // All that the tractions have stored is lost to slip while the object lifts off.
+                let heat = self.contact.take().map_or(0.0, |mut contact| contact.stored_energy());
+                return StepOutcome { heat, ..StepOutcome::default() };
             }
             StepPressure::Unchanged => {}
             StepPressure::Load(load) => self.grow_contact_box(load),
         }
         let Some(contact) = &mut self.contact else { return StepOutcome::default() };
-        contact.rotate_fields(moved.turn_rad);
         let before = match normal {
             StepPressure::Load(load) => {
                 let pressure = contact.place_load(load, self.mm_per_px);
@@ -161,6 +167,19 @@ impl FrictionHistory {
             };
             pixels.filter_map(force)
         })
+    }
+
+    /// Returns tractions and pressure of the last step on the same pixels, in the frame; `None` without contact.
+    pub fn traction_field(&self) -> Option<(TractionField, Grid<f32>)> {
+        let contact = self.contact.as_ref()?;
+        let ContactFields { grid, tractions, pressure, .. } = contact;
+        let part = |k: usize| Grid {
+            width: tractions.width,
+            height: tractions.height,
+            data: tractions.data.iter().map(|t| t[k]).collect(),
+        };
+        let field = TractionField { x: part(0), y: part(1), origin_mm: grid.origin_mm, mm_per_px: grid.mm_per_px };
+        Some((field, pressure.clone()))
     }
 
     /// Returns true if there are no tractions.
@@ -289,6 +308,15 @@ fn first_pixel(origin_mm: [f64; 2], mm_per_px: [f64; 2]) -> [i64; 2] {
     [0, 1].map(|k| libm::round(origin_mm[k] / mm_per_px[k] - 0.5) as i64)
 }
 
+/// Returns the work of a traction along a slip of the pad under the object, per area. The traction changes from the
+/// first to the second, its limit too. Slip begins where the traction meets the limit, and goes on at the limit.
+fn friction_work([first, last]: [Vector; 2], [limit_before, limit]: [f32; 2], slip: [f64; 2]) -> f64 {
+    let length = libm::hypot(slip[0], slip[1]);
+    let against = |t: Vector| -(f64::from(t[0]) * slip[0] + f64::from(t[1]) * slip[1]) / length;
+    let [low, high] = [limit_before.min(limit), limit_before.max(limit)].map(f64::from);
+    if length > 0.0 { 0.5 * length * (against(first).clamp(low, high) + against(last)) } else { 0.0 }
+}
+
 fn is_sticking(traction: Vector, limit: f32) -> bool {
     vector_length(traction) < limit * SLIPS_FROM
 }
@@ -318,16 +346,34 @@ impl ContactFields {
         pressure
     }
 
-    /// Converts the fields to the axes of the frame after its rotation.
-    fn rotate_fields(&mut self, turn_rad: f64) {
-        if turn_rad == 0.0 {
-            return;
+    /// Returns the centre of a pressure in the frame, and the mean of the anchors by that pressure, mm.
+    fn mean_anchor(&self, pressure: &Grid<f32>) -> [[f64; 2]; 2] {
+        let (mut centre, mut mean, mut sum) = ([0.0; 2], [0.0; 2], 0.0);
+        for y in 0..pressure.height {
+            for (x, p) in pressure.row(y).iter().enumerate().filter(|(_, p)| **p > 0.0) {
+                let (p, place, hold) = (f64::from(*p), self.pixel_centre_mm(x, y), self.anchors.at(x, y));
+                centre = [0, 1].map(|k| centre[k] + p * place[k]);
+                mean = [0, 1].map(|k| mean[k] + p * hold[k]);
+                sum += p;
+            }
         }
-        let turn = PlanarRotation::new(turn_rad);
-        for fields in [&mut self.tractions, &mut self.change, &mut self.pressure_motion] {
-            fields.data.iter_mut().for_each(|v| *v = turn.rotate_back(v.map(f64::from)).map(|part| part as f32));
-        }
-        self.anchors.data.iter_mut().for_each(|v| *v = turn.rotate_back(*v));
+        if sum > 0.0 { [centre, mean].map(|sums| sums.map(|part| part / sum)) } else { [[0.0; 2]; 2] }
+    }
+
+    /// Returns the part of a vector along the sum of the tractions.
+    fn part_along_force(&self, vector: [f64; 2]) -> [f64; 2] {
+        let force = self.tractions.data.iter().fold([0.0; 2], |sum, t| [0, 1].map(|k| sum[k] + f64::from(t[k])));
+        let square = force[0] * force[0] + force[1] * force[1];
+        let along = (vector[0] * force[0] + vector[1] * force[1]) / square;
+        if square > 0.0 { force.map(|part| along * part) } else { [0.0; 2] }
+    }
+
+    /// Returns the energy that the tractions have stored, over Young's modulus, mm^3.
+    fn stored_energy(&mut self) -> f64 {
+        let moved = self.motion_under_tractions();
+        let work = |(t, u): (&Vector, &Vector)| f64::from(t[0]) * f64::from(u[0]) + f64::from(t[1]) * f64::from(u[1]);
+        let sum: f64 = self.tractions.data.iter().zip(&moved.data).map(work).sum();
+        0.5 * sum * self.pixel_area_mm2()
     }
 
     /// Computes the motion under the pressure alone.
@@ -351,12 +397,18 @@ impl ContactFields {
     ) -> StepOutcome {
         // The motion under the pressure is computed again only if the pressure has changed.
         let free = if before.is_some() { self.motion_under_pressure() } else { self.pressure_motion.clone() };
-        // Motion of the object at a point X of the frame: R^T (m + (R - 1) X).
+        // The object takes its point at the contact's centre C by R^T m + C - R^T C, and winds up what lies around it.
         let turn = PlanarRotation::new(moved.turn_rad);
-        let shift = turn.rotate_back(moved.shift_mm);
-        let driven = |place: [f64; 2]| {
-            let ahead = turn.offset_from_inverse(place);
-            [shift[0] + ahead[0], shift[1] + ahead[1]]
+        let [centre, mean] = self.mean_anchor(before.unwrap_or(&self.pressure));
+        // The mean displacement keeps its direction in the pad: its part along the force if anything may slip. Across the
+        // force the turn would do work on it that no one supplies.
+        let mean = if coefficient.is_finite() { self.part_along_force(mean) } else { mean };
+        let (shift, ahead) = (turn.rotate_back(moved.shift_mm), turn.offset_from_inverse(centre));
+        let mean_turned = turn.rotate_back(mean);
+        let shift = [0, 1].map(|k| shift[k] + ahead[k] + mean_turned[k] - mean[k]);
+        let driven = |[x, y]: [f64; 2]| {
+            let [dx, dy] = [x - centre[0], y - centre[1]];
+            [shift[0] - moved.turn_rad * dy, shift[1] + moved.turn_rad * dx]
         };
         let [width, height] = self.grid.size;
         let mut limits = Grid::<f32>::new(width, height);
@@ -428,8 +480,16 @@ impl ContactFields {
                 step.gross = false;
             } else {
                 let slip = [0, 1].map(|k| there[k] - anchor[k]);
-                step.heat -= f64::from(t[0]) * slip[0] + f64::from(t[1]) * slip[1];
                 step.slip_mm = [0, 1].map(|k| step.slip_mm[k] + slip[k]);
+                let held_before = before.map_or(*limit, |before| (coefficient * f64::from(before.at(x, y))) as f32);
+                step.heat += friction_work([earlier.at(x, y), *t], [held_before, *limit], slip);
+            }
+        }
+        // What has left the contact slipped on its way.
+        for (at, t) in earlier.data.iter().enumerate().filter(|(_, t)| **t != [0.0; 2]) {
+            if limits.data[at] <= 0.0 {
+                let slip = [0, 1].map(|k| hold.data[at][k] - wanted.data[at][k] - f64::from(free.data[at][k]));
+                step.heat += friction_work([*t, [0.0; 2]], [vector_length(*t), 0.0], slip);
             }
         }
         // Pixels with a limit of 0 have no traction; they slip if they touched before.

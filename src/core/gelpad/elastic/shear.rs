@@ -90,24 +90,26 @@ pub fn solve_shear(
     motion: Motion,
     friction: Friction,
 ) -> (TractionField, ShearOutcome) {
-    solve_shear_from(layer, load, motion, friction, None)
+    let (tractions, _, outcome) = solve_shear_from(layer, load, motion, friction, None);
+    (tractions, outcome)
 }
 
 /// Solves like [`solve_shear`], where the pressure alone would move the surface by `moved` and friction resists that
-/// motion too.
+/// motion too. Also returns the pressure on the pixels of the tractions.
 pub fn solve_shear_from(
     layer: ElasticLayer,
     load: &Load,
     motion: Motion,
     friction: Friction,
     moved: Option<&DisplacementField>,
-) -> (TractionField, ShearOutcome) {
+) -> (TractionField, Grid<f32>, ShearOutcome) {
     let part = bounding_box(&load.pressure, |p| p > 0.0);
     let mut outcome =
         ShearOutcome { iterations: 0, residual_um: 0.0, converged: true, slipping: 0.0, force: [0.0; 2], moment: 0.0 };
     if part.is_empty() {
         return (
             TractionField { mm_per_px: load.mm_per_px, origin_mm: load.origin_mm, ..TractionField::default() },
+            Grid::default(),
             outcome,
         );
     }
@@ -127,7 +129,7 @@ pub fn solve_shear_from(
     outcome.converged = residual_mm <= TOLERANCE_MM;
     let traction = grid.to_traction_field(&tractions);
     (outcome.force, outcome.moment) = grid.force_and_moment(&tractions, motion.about_mm);
-    (traction, outcome)
+    (traction, grid.pressure(), outcome)
 }
 
 impl Motion {
@@ -261,6 +263,15 @@ impl TractionGrid {
     fn measure_violation(&self, tractions: &[[f32; 2]], moved: &[[f32; 2]], limits: &[f32], softest: f32) -> f64 {
         let next = self.project_step(tractions, moved, limits, softest);
         f64::from(softest) * largest_length(&difference(&next, tractions))
+    }
+
+    fn pressure(&self) -> Grid<f32> {
+        let mut pressure = Grid::new(self.size[0], self.size[1]);
+        for point in &self.points {
+            let [column, row] = point.pixel;
+            pressure.row_mut(row)[column] = point.pressure;
+        }
+        pressure
     }
 
     fn to_traction_field(&self, tractions: &[[f32; 2]]) -> TractionField {
