@@ -180,6 +180,7 @@ pub use gelsim_core::{
     gelpad::subpixel::{SampledPixel, Subpixel},
     gelpad::tangential::TangentialMotion,
     gelpad::total_contact::TotalContact,
+    gelpad::traction_map::TractionMap,
     gelpad::{Contact, Numerics, Theory},
     impression::{Impression, SlidingState},
 };

@@ -128,7 +128,7 @@ impl CurvedGel {
             .as_mut()
             .map(|sliding| effects.run_timed(Effect::Friction, || sliding.friction_displacement(unseen_mm)));
         let (towards, reaches_mm) = self.find_deepest_site(object, &indenter.pose, material.thickness_mm);
-        let chart = if sliding.is_some() { self.chart_towards(towards) } else { self.chart_around(towards) };
+        let chart = self.chart_around(towards);
         // On a mesh the search for the deepest point is local and may miss the contact: capture it in any case.
         let touches = reaches_mm > 0.0 || effects.runs_everywhere() || self.shape.surface().is_some();
 

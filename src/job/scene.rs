@@ -244,7 +244,7 @@ impl Scene {
                     if off > FORCE_TOLERANCE {
                         tolerance = off;
                     }
-                    break (!(off <= MOST_OFF)).then(|| {
+                    break (off.is_nan() || off > MOST_OFF).then(|| {
                         format!(
                             "{wanted_n:.3} N are wanted, but at {depth_mm:.3} mm the force jumps: it is {:.3} N",
                             last_n.get()

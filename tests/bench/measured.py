@@ -514,12 +514,6 @@ CURVED_FIGURES = [
         tolerance=0.001,
     ),
     curved(
-        "depth is within {<} um except at one in 200 places, force within {<} %",
-        "physics::gel_mesh::walls_are_where_they_are_on_the_dome_at_every_place",
-        lambda output: one(output, "twelve cubes: depth {} um apart but for one in 200 places, force {} %"),
-        command=MESH,
-    ),
-    curved(
         "19,000 triangles | within {<} um | depth within {<} um, force within {<} % |",
         "physics::gel_mesh::a_mesh_of_a_dome_is_a_dome",
         of_mesh,

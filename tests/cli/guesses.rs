@@ -51,7 +51,7 @@ fn short_flags_are_those_that_people_know() {
 
 /// What is written in the job in place of something, what is said of it, and what is to be written instead; none where the
 /// answer is elsewhere.
-const KEYS: [(&str, &str, &str, &str); 47] = [
+const KEYS: [(&str, &str, &str, &str); 48] = [
     (
         "resolution_px",
         "background_image = \"rest.png\"\nresolution_px",
@@ -92,7 +92,8 @@ const KEYS: [(&str, &str, &str, &str); 47] = [
     ("[pose]", "[randomization]\n[pose]", "[sensor.unit] variation", ""),
     ("[dataset]", "markers = true\n[dataset]", "[markers] with pitch_mm = 1.5", "markers.pitch_mm = 1.5\n[dataset]"),
     ("[output]", "[shear]\nx_mm = 0.2\nfriction = 0.5\n[output]", "{ coulomb = { coefficient = 0.5 } }", ""),
-    ("no_contact = 0.25", "force_n = 2.0", "[gripper] force_n", ""),
+    ("no_contact = 0.25", "normal_force = 2.0", "`force_n`", ""),
+    ("[output]", "[shear]\nforce = 2.0\n[output]", "under [indentation]: force_n", ""),
     ("no_contact = 0.25", "penetration = 1.0", "`depth_mm`", "no_contact = 0.25"),
     ("\"contact\"]", "\"heightmap\"]", "`surface`", "\"surface\"]"),
     ("\"contact\"]", "\"mask\"]", "`contact`", "\"contact\"]"),

@@ -89,7 +89,7 @@ fn an_unknown_key_that_is_like_no_other_is_shown_with_all_that_are_known() {
         "no_contact = 0.25",
         "«brightness» = 1",
         "unknown key `brightness`",
-        "`depth_mm`, `at` or `no_contact`",
+        "`depth_mm`, `force_n`, `at` or `no_contact`",
     );
 }
 

@@ -86,18 +86,19 @@ impl Chart {
         self.geodesics.as_ref()
     }
 
-    /// Makes a chart around a point, with x along the point's meridian, away from the tip. On a dome the point is the
-    /// chart's centre. On a capsule the centre is on the meridian, at most half a step of [`Latitude`] away.
+    /// Makes a chart around a point. On a dome the point is the chart's centre, and the chart's axes are the tip's,
+    /// transported there without rotation. On a capsule the centre is on the point's meridian, at most half a step of
+    /// [`Latitude`] away, and the chart's x goes along the meridian, away from the tip.
     pub fn around_site(shape: &GelShape, site: Site) -> Self {
         let tip = Self::at_tip(shape);
         let normal = site.normal.normalize();
+        if !tip.has_cylinder {
+            return Self { axes: DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, normal)), ..tip };
+        }
         let from_tip = libm::acos(normal.z.clamp(0.0, 1.0)) + site.below_mm / tip.radius_mm;
+        let number = libm::round(from_tip / Latitude::STEP) as usize;
         // At the tip all meridians meet: any azimuth would do.
         let azimuth = if from_tip > 1e-9 { libm::atan2(normal.y, normal.x) } else { 0.0 };
-        if !tip.has_cylinder {
-            return Self { axes: DMat3::from_rotation_z(azimuth) * DMat3::from_rotation_y(from_tip), ..tip };
-        }
-        let number = libm::round(from_tip / Latitude::STEP) as usize;
         tip.on_meridian(Latitude(number.min(Latitude::count_on(shape) - 1)), azimuth)
     }
 
@@ -106,11 +107,6 @@ impl Chart {
     pub(crate) fn before_rotation(shape: &GelShape, latitude: usize) -> Self {
         let tip = Self::at_tip(shape);
         if tip.has_cylinder { tip.on_meridian(Latitude(latitude), 0.0) } else { tip }
-    }
-
-    /// Moves a chart around the tip of a dome to the point with this normal, without rotation.
-    pub(crate) fn moved_to(self, normal: DVec3) -> Self {
-        Self { axes: DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, normal.normalize())), ..self }
     }
 
     /// Returns the charts of a capsule around each of its latitudes, on the meridian through x.

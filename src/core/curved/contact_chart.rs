@@ -16,7 +16,7 @@ use crate::mesh::clusters::Clusters;
 use crate::mesh::nearest::nearest_point_from;
 use crate::pose::Pose;
 
-/// Largest angle between a contact and its chart's centre, rad: lengths there are off by 0.7 % on a dome.
+/// Largest angle between a contact and its chart's centre on a dome, rad: lengths there are off by 0.7 %.
 const TIP_CHART_ANGLE: f64 = 0.2;
 
 impl CurvedGel {
@@ -71,9 +71,10 @@ impl CurvedGel {
         (self.shape.site(normal, below_mm), self.shape.radius_mm() - at.length())
     }
 
-    /// Makes the chart for a contact around a point. On a dome or a mesh its centre is the tip as long as the gel leans
-    /// little at the point (on a mesh, if the point is within the view, too), else the point: far from their centre,
-    /// charts are wider than the gel. On a capsule it is the chart of the closest latitude.
+    /// Makes the chart for a contact around a point. On a dome its centre is the tip as long as the contact is near the
+    /// tip; farther out it follows the contact, as charts are wider than the gel far from their centre. On a capsule it
+    /// is the chart of the closest latitude. On a mesh it is the tip's chart as long as the gel there leans little and
+    /// the point is within the view, else a chart around the point.
     pub(super) fn chart_around(&self, site: Site) -> Chart {
         if let GelShape::Mesh(surface) = &self.shape {
             let tip = Chart::at_tip(&self.shape);
@@ -89,29 +90,18 @@ impl CurvedGel {
                 }
             };
         }
-        let tip = Chart::at_tip(&self.shape);
-        let is_dome = self.shape.wall_mm().is_none();
-        match is_dome && DVec2::from(tip.locate_site(site)).length() < TIP_CHART_ANGLE * tip.radius_mm() {
-            true => tip,
-            false => Chart::around_site(&self.shape, site),
-        }
-    }
-
-    /// Makes the chart for a contact around a point in a sequence. On a dome its centre moves on with the contact, from
-    /// the tip, at most [`TIP_CHART_ANGLE`] behind it, and its axes are the tip's, moved there without rotation: no frame
-    /// falls on another chart at once. Elsewhere it is [`CurvedGel::chart_around`].
-    pub(super) fn chart_towards(&self, site: Site) -> Chart {
-        if self.shape.surface().is_some() || self.shape.wall_mm().is_some() {
-            return self.chart_around(site);
+        if self.shape.wall_mm().is_some() {
+            return Chart::around_site(&self.shape, site);
         }
         let tip = Chart::at_tip(&self.shape);
         let at = DVec2::from(tip.locate_site(site));
         let follows_mm = at.length() - TIP_CHART_ANGLE * tip.radius_mm();
-        if follows_mm <= 0.0 {
-            return tip;
+        if follows_mm > 0.0 {
+            let normal = tip.surface_frame((at.normalize() * follows_mm).to_array()).normal;
+            Chart::around_site(&self.shape, self.shape.site(normal, 0.0))
+        } else {
+            tip
         }
-        let normal = tip.surface_frame((at.normalize() * follows_mm).to_array()).normal;
-        tip.moved_to(normal)
     }
 
     /// Converts a motion in the sensor's x and y to a chart.

@@ -81,7 +81,7 @@ impl CurvedGel {
     /// reaches below the gel there, mm.
     fn find_contact_chart(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Chart, Site, f64) {
         let (site, reaches_mm) = self.find_deepest_site(object, pose, thickness_mm);
-        (self.chart_towards(site), site, reaches_mm)
+        (self.chart_around(site), site, reaches_mm)
     }
 }
 

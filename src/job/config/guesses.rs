@@ -113,9 +113,7 @@ const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
         &["force", "force_n", "normal_force", "force_newton"],
         &[
             Key("force_n"),
-            Elsewhere(
-                "a press is given by its depth, and its force is in the label; by force are given phases of a sequence ([[sequence.phase]] force_n) and grips ([gripper] force_n)",
-            ),
+            Elsewhere("under [indentation]: force_n = 1.0; phases of a sequence and [gripper] have it, too"),
         ],
     ),
     (
