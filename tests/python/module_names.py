@@ -86,6 +86,7 @@ def presses(sensor: gelsim.Sensor) -> None:
     floats: list[NDArray[np.float32]] = [press.depth, press.surface, press.gap, press.normal, press.points]
     masks: list[NDArray[np.uint8]] = [press.contact, press.reference]
     assert {each.shape[:2] for each in floats} | {each.shape[:2] for each in masks} == {image.shape[:2]} == {(80, 60)}
+    assert press.traction is not None and press.traction.shape == (80, 60, 3)
     assert press.pressure is not None and press.flow is not None and press.markers is not None and press.untouched is not None
     dots: NDArray[np.float64] = press.markers["moved_px"]
     assert press.pins is None and press.lamps is None and press.slip is None and dots.shape[1] == 2
