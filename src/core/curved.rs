@@ -191,8 +191,7 @@ impl CurvedGel {
                 slip: sliding.slip(),
                 wrench: pressure.plus(tractions),
                 states: sliding.stick_slip_states(&contact.mask, &self.view),
-                tractions: sliding.traction_map(),
-                stiffening_factor: contact.stiffening_factor,
+                tractions: sliding.traction_map(contact.stiffening_factor),
             }
         });
         if let Some(wrench) = &wrench {

@@ -82,8 +82,6 @@ pub struct SlidingState {
     pub states: Grid<StickSlip>,
     /// Tractions and pressure; `None` without contact.
     pub tractions: Option<TractionMap>,
-    /// Factor by which they are larger than in `tractions`; see [`Contact::stiffening_factor`].
-    pub stiffening_factor: f64,
 }
 
 /// Value of [`Impression::gap_mm`] where no object was captured.
@@ -268,11 +266,9 @@ impl Impression {
     pub fn traction_kpa(&self) -> Option<Vec<[f32; 3]>> {
         self.contact.peak_pressure_kpa?;
         let planes = match (&self.sliding, &self.contact.tangential) {
-            (Some(sliding), _) => {
-                sliding.tractions.as_ref().map(|map| map.sample_view(&self.view, [sliding.stiffening_factor; 2]))
-            }
+            (Some(sliding), _) => sliding.tractions.as_ref().map(|map| map.sample_view(&self.view, 1.0)),
             (None, Some(TangentialMotion { tractions: Some(map), .. })) => {
-                Some(map.sample_view(&self.view, [1.0, self.contact.stiffening_factor]))
+                Some(map.sample_view(&self.view, self.contact.stiffening_factor))
             }
             _ => self.contact.pressure.as_ref().map(|pressure| {
                 let none = Grid::new(pressure.width, pressure.height);

@@ -389,8 +389,7 @@ impl Simulator {
             slip: sliding.slip(),
             wrench: sliding.wrench(),
             states: sliding.stick_slip_states(&contact.mask, &view),
-            tractions: sliding.traction_map(),
-            stiffening_factor: 1.0,
+            tractions: sliding.traction_map(1.0),
         });
         let (pins, wrench, gel_map) = (None, None, None);
         Impression {

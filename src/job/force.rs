@@ -1,5 +1,7 @@
 //! Finds the indentation depth at which a pad presses back with a given force.
 
+use std::cell::Cell;
+
 /// Most presses that are tried.
 pub const MAX_PRESSES: u32 = 40;
 
@@ -9,11 +11,57 @@ pub const MAX_DEPTH_RATIO: f64 = 0.9;
 /// Relative tolerance with which a force is met.
 pub const FORCE_TOLERANCE: f64 = 2e-3;
 
+/// Fraction by which a force may be missed where it jumps: there another chart of a curved gel begins.
+const MOST_OFF: f64 = 0.02;
+
+/// The first depth that a search tries, over the greatest.
+const FIRST_DEPTH_RATIO: f64 = 0.0625;
+
 /// Width of a bracket at which the search ends, mm.
 const MIN_BRACKET_MM: f64 = 1e-6;
 
 /// Fraction of the bracket by which a guess stays away from its ends.
 pub const MARGIN: f64 = 0.02;
+
+/// Finds the indentation depth, mm, at which a press gives the wanted force. `force_n` gives the force at a depth, N, if
+/// it is known. Also returns the fraction within which it was found, or why it was not.
+pub fn press_for_force(
+    wanted_n: f64,
+    most_mm: f64,
+    force_n: impl Fn(f64) -> Option<f64>,
+) -> (f64, Result<f64, String>) {
+    let mut depth_mm = FIRST_DEPTH_RATIO * most_mm;
+    let deep_n = loop {
+        match force_n(depth_mm) {
+            None => return (depth_mm, Err(format!("the force at a depth of {depth_mm:.3} mm is not known"))),
+            Some(found_n) if found_n >= wanted_n => break found_n,
+            Some(found_n) if depth_mm >= most_mm => {
+                let reason = format!(
+                    "{wanted_n:.3} N are wanted, but at {depth_mm:.3} mm, {MAX_DEPTH_RATIO} of the pad's thickness, there are \
+                     only {found_n:.3} N"
+                );
+                return (depth_mm, Err(reason));
+            }
+            Some(_) => depth_mm = (2.0 * depth_mm).min(most_mm),
+        }
+    };
+    let last_n = Cell::new(deep_n);
+    let depth_mm = find_depth_for_force(wanted_n, (depth_mm, deep_n), FORCE_TOLERANCE, |depth_mm| {
+        last_n.set(force_n(depth_mm).unwrap_or(f64::NAN));
+        last_n.get()
+    });
+    // Where the force jumps, no depth has the wanted one.
+    let off = (last_n.get() / wanted_n - 1.0).abs();
+    match off <= MOST_OFF {
+        true => (depth_mm, Ok(off.max(FORCE_TOLERANCE))),
+        false => {
+            let found_n = last_n.get();
+            let reason =
+                format!("{wanted_n:.3} N are wanted, but at {depth_mm:.3} mm the force jumps to {found_n:.3} N");
+            (depth_mm, Err(reason))
+        }
+    }
+}
 
 /// Finds the indentation depth, mm, at which `force_n`, which grows with depth from 0, is `wanted_n` within the
 /// fraction `tolerance`. `deepest` is a depth and the force there, which must be at least the wanted one. If the search

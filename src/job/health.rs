@@ -51,7 +51,7 @@ impl Health {
             _ if scene.beside_axis => {
                 String::from("the object is beside the sensor's axis, on which its depth is measured")
             }
-            _ if let Some(reason) = &scene.force_failure => reason.clone(),
+            _ if let Err(reason) = &scene.force_found => reason.clone(),
             (false, ..) => String::from("not every number is finite"),
             (_, false, _) => format!("the surface lies between {lowest} and {highest} mm in a pad of {thickness} mm"),
             (.., false) => format!(

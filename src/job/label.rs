@@ -6,6 +6,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::force::FORCE_TOLERANCE;
 use crate::health::Health;
 use crate::layout::Split;
 use crate::plan::Plan;
@@ -148,7 +149,7 @@ impl Label {
             pose,
             indentation_depth_mm: scene.indentation_depth_mm,
             wanted_force_n: scene.wanted_force_n,
-            force_tolerance: scene.force_tolerance,
+            force_tolerance: *scene.force_found.as_ref().unwrap_or(&FORCE_TOLERANCE),
             objects,
             unplaced_objects: scene.unplaced,
             texture: TextureLabel::from_scene(scene),

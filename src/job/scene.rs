@@ -2,12 +2,11 @@
 //! randomness of a sample is here. If a press is known otherwise, as from a simulator's depth frame, that replaces what
 //! would be drawn.
 
-use std::cell::Cell;
 use std::sync::Arc;
 
 use crate::config::object::DEFAULT_POISSON_RATIO;
 use crate::config::scene::At;
-use crate::force::{FORCE_TOLERANCE, MAX_DEPTH_RATIO, find_depth_for_force};
+use crate::force::{MAX_DEPTH_RATIO, press_for_force};
 use crate::layout::Split;
 use crate::placing::{OtherObject, TurnedObject, place_other_objects};
 use crate::plan::Plan;
@@ -30,12 +29,6 @@ use gelsim_core::sensor::Background;
 use gelsim_core::simulator::{Press, Simulator};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::sensor::quantity::Quantity;
-
-/// The first depth that a search for a force tries, over the greatest.
-const FIRST_DEPTH_RATIO: f64 = 0.0625;
-
-/// Share of a force by which it may be missed where it jumps; there on a curved gel another chart begins.
-const MOST_OFF: f64 = 0.02;
 
 /// Number of samples that are drawn to see whether their objects find places.
 const PROBES: u64 = 32;
@@ -103,10 +96,8 @@ pub struct Scene {
     pub indentation_depth_mm: f64,
     /// Normal force that was wanted, N; 0 if a depth was.
     pub wanted_force_n: f64,
-    /// Fraction of it within which the depth was found; 0 if a depth was wanted.
-    pub force_tolerance: f64,
-    /// Why it was not found.
-    pub force_failure: Option<String>,
+    /// Fraction of it within which the depth was found, 0 if a depth was wanted; or why none was found.
+    pub force_found: Result<f64, String>,
     /// The texture of the object, if it has any.
     pub texture: Option<DrawnTexture>,
     /// Material of the object.
@@ -226,41 +217,11 @@ impl Scene {
     /// Presses the objects, which just touch the pad, as deep as the wanted force takes them.
     fn press_by_force(self, plan: &Plan) -> Self {
         let simulator = self.simulator(plan);
-        let (wanted_n, most_mm) = (self.wanted_force_n, MAX_DEPTH_RATIO * simulator.sensor().gelpad.thickness_mm);
-        let force_n = |depth_mm: f64| simulator.total_force_n(&self.lowered_by(depth_mm).to_press(plan));
-        let (mut depth_mm, mut tolerance) = (FIRST_DEPTH_RATIO * most_mm, FORCE_TOLERANCE);
-        let failure = loop {
-            match force_n(depth_mm) {
-                None => break Some(format!("the force at a depth of {depth_mm:.3} mm is not known")),
-                Some(found_n) if found_n >= wanted_n => {
-                    let last_n = Cell::new(found_n);
-                    let force_n = |depth_mm: f64| {
-                        last_n.set(force_n(depth_mm).unwrap_or(f64::NAN));
-                        last_n.get()
-                    };
-                    depth_mm = find_depth_for_force(wanted_n, (depth_mm, found_n), FORCE_TOLERANCE, force_n);
-                    // Where the force jumps, no depth has the wanted one.
-                    let off = (last_n.get() / wanted_n - 1.0).abs();
-                    if off > FORCE_TOLERANCE {
-                        tolerance = off;
-                    }
-                    break (off.is_nan() || off > MOST_OFF).then(|| {
-                        format!(
-                            "{wanted_n:.3} N are wanted, but at {depth_mm:.3} mm the force jumps: it is {:.3} N",
-                            last_n.get()
-                        )
-                    });
-                }
-                Some(found_n) if depth_mm >= most_mm => {
-                    break Some(format!(
-                        "{wanted_n:.3} N are wanted, but at {depth_mm:.3} mm, {MAX_DEPTH_RATIO} of the pad's thickness, there are \
-                         only {found_n:.3} N"
-                    ));
-                }
-                Some(_) => depth_mm = (2.0 * depth_mm).min(most_mm),
-            }
-        };
-        Self { force_failure: failure, force_tolerance: tolerance, ..self.lowered_by(depth_mm) }
+        let most_mm = MAX_DEPTH_RATIO * simulator.sensor().gelpad.thickness_mm;
+        let (depth_mm, force_found) = press_for_force(self.wanted_force_n, most_mm, |depth_mm| {
+            simulator.total_force_n(&self.lowered_by(depth_mm).to_press(plan))
+        });
+        Self { force_found, ..self.lowered_by(depth_mm) }
     }
 
     /// Returns the scene with all objects this much deeper, mm.
@@ -366,8 +327,7 @@ impl Scene {
             pose,
             indentation_depth_mm,
             wanted_force_n: 0.0,
-            force_tolerance: 0.0,
-            force_failure: None,
+            force_found: Ok(0.0),
             texture,
             material,
             motion,

@@ -473,10 +473,10 @@ impl Sliding {
         in_plane.under_load_and_forces(load, points)
     }
 
-    /// Returns the tractions and the pressure of the last step; `None` without contact.
-    pub(crate) fn traction_map(&self) -> Option<TractionMap> {
+    /// Returns the tractions and the pressure of the last step, multiplied by a factor; `None` without contact.
+    pub(crate) fn traction_map(&self, factor: f64) -> Option<TractionMap> {
         let (tractions, pressure) = self.history.traction_field()?;
-        Some(TractionMap::new(tractions, pressure, self.frame, self.youngs_modulus_kpa))
+        Some(TractionMap::new(tractions, pressure, self.frame, factor * self.youngs_modulus_kpa))
     }
 
     /// Returns the state of the pad (sticks or slips) at the pixels of a view that touch.

@@ -36,9 +36,9 @@ impl TractionMap {
         Self { components: [x, y, pressure], origin_mm, mm_per_px, frame, youngs_modulus_kpa }
     }
 
-    /// Returns the tractions at the pixel centres of a view, kPa: along x and y of the view's frame, and into the pad.
-    /// Tractions along the pad and into it are multiplied by a factor each.
-    pub fn sample_view(&self, view: &View, [along, into]: [f64; 2]) -> [Grid<f32>; 3] {
+    /// Returns the tractions at the pixel centres of a view, kPa: along x and y of the view's frame, and into the pad,
+    /// these multiplied by a factor.
+    pub fn sample_view(&self, view: &View, into: f64) -> [Grid<f32>; 3] {
         let [width, height] = view.resolution_px;
         let finest_mm = view.mm_per_px[0].min(view.mm_per_px[1]);
         let axes = self.frame.axes();
@@ -71,7 +71,7 @@ impl TractionMap {
                 let place = axes.to_sensor([0, 1].map(|k| self.origin_mm[k] + place[k] * self.mm_per_px[k]));
                 let centre_px = view.point_px(place);
                 let [x, y] = axes.direction_to_sensor([values[0], values[1]]);
-                let force = [along * kpa * x, along * kpa * y, into * kpa * values[2]];
+                let force = [kpa * x, kpa * y, into * kpa * values[2]];
                 for ([dx, dy], share) in &points {
                     let [x, y] = [centre_px[0] + dx - 0.5, centre_px[1] + dy - 0.5];
                     let (left, top) = (libm::floor(x), libm::floor(y));
@@ -116,7 +116,7 @@ mod tests {
         let map = TractionMap::new(tractions.clone(), grid(pressure.clone()), frame, 100.0);
         for pixel in [0.125, 0.05, 0.013] {
             let view = View { resolution_px: [(4.0 / pixel) as usize, (3.0 / pixel) as usize], mm_per_px: [pixel; 2] };
-            let planes = map.sample_view(&view, [1.0, 1.0]);
+            let planes = map.sample_view(&view, 1.0);
             let mut found = [0.0; 9];
             for y in 0..planes[0].height {
                 for x in 0..planes[0].width {

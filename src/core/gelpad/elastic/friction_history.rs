@@ -405,7 +405,8 @@ impl ContactFields {
         let mean = if coefficient.is_finite() { self.part_along_force(mean) } else { mean };
         let (shift, ahead) = (turn.rotate_back(moved.shift_mm), turn.offset_from_inverse(centre));
         let mean_turned = turn.rotate_back(mean);
-        let shift = [0, 1].map(|k| shift[k] + ahead[k] + mean_turned[k] - mean[k]);
+        // Without a turn these differences are exactly 0.
+        let shift = [0, 1].map(|k| shift[k] + ahead[k] + (mean_turned[k] - mean[k]));
         let driven = |[x, y]: [f64; 2]| {
             let [dx, dy] = [x - centre[0], y - centre[1]];
             [shift[0] - moved.turn_rad * dy, shift[1] + moved.turn_rad * dx]
