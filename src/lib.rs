@@ -138,6 +138,7 @@ pub use gelsim_core::{
     depth::seen_surface::SeenSurface,
     depth::texture::{Texture, TexturePlacement, TextureSample},
     gelpad::elastic::elastic_object::ElasticObject,
+    gelpad::elastic::relaxation::RelaxationMode,
     gelpad::elastic::shear::{Friction, Motion},
     gelpad::object_material::ObjectMaterial,
     gelpad::planar::PlanarMotion,

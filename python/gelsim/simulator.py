@@ -353,6 +353,7 @@ class Simulator:
         pose: Union[Pose, Placement],
         *,
         texture: Optional[Texture] = None,
+        duration_s: float = 0.04,
     ) -> Impression:
         """Presses the next frame of the sequence: the object has moved from where it was in the frame before to `pose`.
 
@@ -360,7 +361,8 @@ class Simulator:
         `slip_state` and `wrench` of what comes back say so. The first frame after `reset` (or of a new simulator) is pressed
         straight in. Let an object come, slide and go in frames that are near each other: a mesh may turn and roll by some degrees
         in each, heights by 10 degrees about z. `indenter` is as in `press`, the same object in every frame; heights need a
-        `Placement`, which says where the object is that they show. `texture` stays on the object.
+        `Placement`, which says where the object is that they show. `texture` stays on the object. `duration_s`, the time since the
+        frame before, matters to pads that relax.
 
         The sequence is the simulator's: one thread steps at a time (RunError), `copy` makes another one. After a UsageError the
         sequence is as it was. Not at `paper`, which knows no friction.
@@ -368,7 +370,7 @@ class Simulator:
         ready, name = ready_of(indenter)
         check_pose(pose)
         check_type("texture", texture, Texture)
-        return Impression(self._engine.step(name, ready, pose, texture))
+        return Impression(self._engine.step(name, ready, pose, texture, duration_s))
 
     def copy(self) -> Simulator:
         """Another simulator of the same sensor at the same level: the costly part is shared, the sequence is its own."""

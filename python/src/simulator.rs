@@ -30,11 +30,12 @@ use gelsim_job::plan::{Plan, SampleSources};
 use gelsim_job::sample::Sample;
 use gelsim_job::scene::{DepthFrame, DrawnTexture, KnownPress, PressSource, Scene};
 use gelsim_job::sequence::label::FrameLabel;
+use gelsim_job::sequence::motion::count_relaxing_steps;
 use glam::{DMat3, DQuat, DVec3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::arguments::{OptionalArgument, extract_assignments, extract_whole_number};
+use crate::arguments::{OptionalArgument, extract_assignments, extract_number, extract_whole_number};
 use crate::arrays::{image_array, layer_array, parse_json};
 use crate::depth::DepthMaps;
 use crate::errors::{emit_warnings, find_by_name, mistake_error, panic_error, runtime_error, usage_error};
@@ -453,7 +454,13 @@ impl Engine {
         object: &Bound<'_, PyAny>,
         pose: Option<ObjectPlace>,
         texture: Option<TextureArgument>,
+        duration_s: &Bound<'_, PyAny>,
     ) -> PyResult<Pressing> {
+        let duration_s = extract_number("duration_s", duration_s)?;
+        if !(0.0..=1e6).contains(&duration_s) {
+            let help = "seconds since the frame before, 0 to 1000000";
+            return Err(mistake_error(format!("duration_s={duration_s} is out of range"), help));
+        }
         if !self.plan.simulator.models().gelpad.knows_tractions() {
             let message = format!("fidelity `{}` knows no friction, and so no sequence", self.plan.fidelity().name());
             return Err(mistake_error(message, "take a finer level, such as gelsim.Simulator(sensor, \"draft\")"));
@@ -495,7 +502,7 @@ impl Engine {
         let rendered = catch_unwind(AssertUnwindSafe(|| {
             py.detach(|| {
                 let plan = self.plan_with_seed(begun.seed)?;
-                Ok(render_next_frame(&plan, begun, moving, object, texture))
+                Ok(render_next_frame(&plan, (begun, moving), object, texture, duration_s))
             })
         }));
         match rendered {
@@ -526,10 +533,10 @@ impl Engine {
 /// Renders the frame after `moving`, or the first one of a sequence. Returns the new state, and the frame.
 fn render_next_frame(
     plan: &Plan,
-    begun: SequenceStart,
-    moving: Option<Box<MovingSequence>>,
+    (begun, moving): (SequenceStart, Option<Box<MovingSequence>>),
     object: PlacedObject,
     texture: Option<DrawnTexture>,
+    duration_s: f64,
 ) -> (Box<MovingSequence>, Pressing) {
     let (pose, depth_mm, shape) = (object.pose, object.depth_mm, object.shape.clone());
     let drawn = build_scene(plan, begun.index, object, texture);
@@ -563,7 +570,7 @@ fn render_next_frame(
     let mut press = scene.to_press(plan);
     press.texture = press.texture.map(|texture| texture.with_placement(moving.texture_placement));
     press.shear = None;
-    let steps = moving.plan_steps(plan, &scene, depth_mm);
+    let steps = moving.plan_steps(plan, &scene, depth_mm, duration_s);
     let impression = moving.simulator.press_next(&press, &steps, &mut moving.sliding);
     let sample = label_sample(plan, &scene, Arc::clone(&moving.simulator), impression);
     let sliding = sample.impression.sliding.as_ref();
@@ -593,9 +600,7 @@ impl MovingSequence {
     fn count_longest_steps(&self, plan: &Plan, shape: &Shape, to: &Pose) -> f64 {
         let tilt_deg =
             (to.rotation * self.last_pose.rotation.transpose()).z_axis.z.clamp(-1.0, 1.0).acos().to_degrees();
-        let view = plan.simulator.view();
-        let longest_mm =
-            [0, 1].map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).into_iter().fold(0.0, f64::max);
+        let longest_mm = longest_mm(plan);
         let radius_mm = match shape.clusters() {
             Some(mesh) => {
                 let reach = [DVec3::X, DVec3::Y, DVec3::Z]
@@ -610,7 +615,7 @@ impl MovingSequence {
     }
 
     /// Plans the steps from the last frame to the pose of a scene, as a job's sequences do.
-    fn plan_steps(&self, plan: &Plan, scene: &Scene, depth_mm: f64) -> Vec<ObjectStep> {
+    fn plan_steps(&self, plan: &Plan, scene: &Scene, depth_mm: f64, duration_s: f64) -> Vec<ObjectStep> {
         let PressSource::Frame(DepthFrame { shape, .. }) = &scene.pressed else { return Vec::new() };
         let (from, from_mm, to) = (self.last_pose, self.last_depth_mm, scene.pose);
         let plane = PadPlane::default();
@@ -620,9 +625,13 @@ impl MovingSequence {
                 _ => None,
             };
             let motion = lowest.map_or_else(PlanarMotion::default, |now| motion_between(from, to, now, &plane));
-            return vec![ObjectStep { pose: to, depth_mm, motion }];
+            return vec![ObjectStep { pose: to, depth_mm, motion, duration_s }];
         };
-        let way = self.count_longest_steps(plan, shape, &to);
+        let mut way = self.count_longest_steps(plan, shape, &to);
+        if !plan.simulator.sensor().relaxation.is_empty() {
+            let shift_mm = (to.translation_mm - from.translation_mm).truncate().length();
+            way = way.max(count_relaxing_steps(longest_mm(plan), shift_mm, [from_mm, depth_mm]));
+        }
         // A step ends just after the first touch, so that friction begins near its true place.
         let touches =
             (from_mm <= 0.0 && depth_mm > 0.0).then(|| (FIRST_TOUCH * depth_mm - from_mm) / (depth_mm - from_mm));
@@ -643,13 +652,20 @@ impl MovingSequence {
                     (Pose { rotation, translation_mm, ..to }.lowered(0.0 - depth_mm, mesh), depth_mm)
                 };
                 let motion = motion_between(before, pose, lowest_point(mesh, &pose), &plane);
-                steps.push(ObjectStep { pose, depth_mm, motion });
+                let duration_s = duration_s * (end - start) / f64::from(count);
+                steps.push(ObjectStep { pose, depth_mm, motion, duration_s });
                 before = pose;
             }
             start = end;
         }
         steps
     }
+}
+
+/// Returns the longer side of the view, mm.
+fn longest_mm(plan: &Plan) -> f64 {
+    let view = plan.simulator.view();
+    (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max)
 }
 
 /// Returns the lowest point of a placed mesh, mm.

@@ -8,7 +8,7 @@ use gelsim_files::sensor::Sensor;
 use gelsim_job::config::Job;
 use gelsim_job::gripper::label::{GripLabel, GripSequenceLabel};
 use gelsim_job::label::Label;
-use gelsim_job::schema::with_distributions;
+use gelsim_job::schema::{with_distributions, with_short_forms};
 use gelsim_job::sequence::label::SequenceLabel;
 
 /// Print the JSON Schema of a file format.
@@ -41,7 +41,7 @@ pub enum Format {
 /// Returns the JSON Schema of a format, as text with a final newline.
 pub fn schema_text(format: Format) -> String {
     let schema = match format {
-        Format::Job => with_distributions(schemars::schema_for!(Job)),
+        Format::Job => with_short_forms(with_distributions(schemars::schema_for!(Job))),
         Format::Label => schemars::schema_for!(Label).to_value(),
         Format::Sequence => schemars::schema_for!(SequenceLabel).to_value(),
         Format::Grip => schemars::schema_for!(GripLabel).to_value(),

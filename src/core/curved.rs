@@ -124,9 +124,8 @@ impl CurvedGel {
         let object = indenter.shape.clusters().expect("heights over a plane are not pressed into a curved gel");
         let mut clock = ThreadClock::start();
         let unseen_mm = if let Pad::Elastic(pad) = pad { pad.negligible_mm() } else { 0.0 };
-        let drag = sliding
-            .as_mut()
-            .map(|sliding| effects.run_timed(Effect::Friction, || sliding.friction_displacement(unseen_mm)));
+        let carried =
+            sliding.as_mut().map(|sliding| effects.run_timed(Effect::Friction, || sliding.carried_loads(unseen_mm)));
         let (towards, reaches_mm) = self.find_deepest_site(object, &indenter.pose, material.thickness_mm);
         let chart = self.chart_around(towards);
         // On a mesh the search for the deepest point is local and may miss the contact: capture it in any case.
@@ -143,8 +142,7 @@ impl CurvedGel {
             let depth = self.cut_texture(depth, press, &chart, window, effects);
             seconds.depth += clock.lap();
             let (depth, shaped) = gelpad::deform_object(pad, depth, None, window, effects);
-            let drag = drag.as_ref().map(Option::as_ref);
-            let mut contact = gelpad::deform_pad(pad, &depth, None, drag, in_plane.is_some(), effects);
+            let mut contact = gelpad::deform_pad(pad, &depth, None, carried.as_ref(), in_plane.is_some(), effects);
             contact.numerics.converged &= shaped;
             seconds.gelpad += clock.lap();
             match pad.higher_window(window, &contact) {
@@ -179,25 +177,32 @@ impl CurvedGel {
             sliding,
             effects,
         );
+        if let (Some(tangential), Some(in_plane), true) = (&mut contact.tangential, in_plane, self.has_stiff_skin()) {
+            tangential.set_drag_apart(in_plane, contact.load.as_ref());
+        }
         let about_mm = shear.map_or([0.0; 2], |shear| shear.motion.about_mm);
         let mut wrench =
             core_correction::press_wrench(&contact, pressed.as_ref(), about_mm, material.youngs_modulus_kpa);
         let sliding_state = sliding.map(|sliding| {
             // Friction, too, is solved for a flat layer; its wrenches get the same correction.
-            let [pressure, tractions] =
-                sliding.wrenches_on_gel(&chart).map(|wrench| wrench.scaled_by(contact.stiffening_factor));
+            // Their loads have relaxed already.
+            let factor = contact.stiffening_factor / carried.as_ref().map_or(1.0, |carried| carried.stiffness);
+            let [pressure, tractions] = sliding.wrenches_on_gel(&chart).map(|wrench| wrench.scaled_by(factor));
             wrench = wrench.map(|wrench| wrench.plus(tractions));
             SlidingState {
                 slip: sliding.slip(),
                 wrench: pressure.plus(tractions),
                 states: sliding.stick_slip_states(&contact.mask, &self.view),
-                tractions: sliding.traction_map(contact.stiffening_factor),
+                tractions: sliding.traction_map(factor),
             }
         });
         if let Some(wrench) = &wrench {
             let force_n = DVec3::from_array(wrench.force_n).length();
             contact.force_n = Some(force_n);
             contact.total.total_force_n = (!goes_on).then_some(force_n);
+            // What goes on around the gel presses on its sides and its top, so it adds nothing away from the tip.
+            let down_n = (0.0 - wrench.force_n[2]).max(0.0);
+            contact.total.total_force_at_least_n = Some(if goes_on { down_n } else { force_n });
         }
         if let Shape::Seen(seen) = &indenter.shape {
             contact.total = TotalContact::of_depth_frame(&mut contact, seen.is_cut);

@@ -46,6 +46,7 @@ effects! {
     RestShape, "rest_shape", "a curved pad under the object; runs where a pad that is not flat meets an object";
     Deformation, "deformation", "the pad's shape under and around the object; runs where the object reaches into it";
     Friction, "friction", "friction while the object is pressed in; runs where markers or the surface show it";
+    Relaxation, "relaxation", "stress that falls with time under a shape that is held; runs in sequences on pads that relax, once something has loaded them";
     FiniteStrain, "finite_strain", "large strains: the difference between rubber and a linear layer; runs where that is larger than the level's tolerance";
     Supersampling, "supersampling", "light averaged over a pixel; runs for pixels within which the surface bends";
     Shear, "shear", "in-plane motion under an object that is pushed or turned; runs where markers show it";

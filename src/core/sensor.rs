@@ -9,6 +9,7 @@ use crate::camera::markers::{MarkerPattern, MarkerPrint};
 use crate::camera::pins::Pins;
 use crate::camera::projection::{LensModel, Projection};
 use crate::depth::rest_surface::{Grain, RestSurface};
+use crate::gelpad::elastic::relaxation::RelaxationMode;
 use crate::gelpad::material::Material;
 use crate::optics::background::{BackgroundImage, RenderedBackground};
 use crate::optics::calibrated::CalibrationTable;
@@ -34,6 +35,8 @@ pub struct Sensor {
     pub field_of_view_mm: [f64; 2],
     /// The gelpad.
     pub gelpad: Material,
+    /// How the gelpad relaxes in sequences; empty if it does not.
+    pub relaxation: Vec<RelaxationMode>,
     /// Shape of a gel that a camera inside it sees through [`Sensor::lens`]. `None`: the pad is flat, or nearly.
     pub shape: Option<GelShape>,
     /// Lens and position of that camera; used with a [`shape`](Sensor::shape) only.
@@ -116,6 +119,9 @@ pub enum SensorError {
         /// The values that are allowed.
         allowed: &'static str,
     },
+    /// The relaxation of the gelpad is impossible.
+    #[error("relaxation: {0}")]
+    Relaxation(String),
     /// A polynomial has a number of coefficients that none can have.
     #[error("the {name} has {found} coefficients for a channel; allowed: {allowed:?}")]
     Coefficients {
@@ -159,6 +165,7 @@ impl Sensor {
             resolution_px,
             field_of_view_mm,
             gelpad,
+            relaxation: Vec::new(),
             shape: None,
             lens: LensModel::default(),
             pins: None,
@@ -272,6 +279,9 @@ impl Sensor {
         let value = self.gelpad.poisson_ratio;
         if !(0.0..=0.4999).contains(&value) {
             return Err(SensorError::Number { name: "gelpad.poisson_ratio", value, allowed: "0 to 0.4999" });
+        }
+        if let Some(reason) = RelaxationMode::find_error(&self.relaxation) {
+            return Err(SensorError::Relaxation(reason));
         }
         match (&self.shape, &self.pins) {
             (None, Some(_)) => return Err(SensorError::Pins),

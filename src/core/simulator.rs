@@ -19,12 +19,11 @@ use crate::depth::texture::{Texture, TexturePlacement, TextureSample};
 use crate::depth::{self, CaptureWindow, Depth};
 use crate::effects::{Effect, EffectLog, EffectPolicy, Requirement};
 use crate::fidelity::Models;
-use crate::gelpad::elastic::friction::FrictionDisplacement;
 use crate::gelpad::elastic::in_plane::InPlaneResponse;
 use crate::gelpad::elastic::model_error::curvature_error_mm;
 use crate::gelpad::elastic::shear::{Friction, Motion};
 use crate::gelpad::object_material::ObjectMaterial;
-use crate::gelpad::sliding::{Sliding, SlidingPad};
+use crate::gelpad::sliding::{CarriedLoads, Sliding, SlidingPad};
 use crate::gelpad::tangential::{Shear, solve_tangential_motion};
 use crate::gelpad::total_contact::measure_total_contact;
 use crate::gelpad::{self, Contact, Pad, subpixel};
@@ -263,13 +262,13 @@ impl Simulator {
         }
     }
 
-    /// Captures the object and deforms the pad: the stages before the light. In a sequence `drag` is `Some`, with the
-    /// displacement by its tractions if that is not negligible.
+    /// Captures the object and deforms the pad: the stages before the light. In a sequence `carried` is `Some`, with
+    /// what the loads before this press do.
     fn compute_contact(
         &self,
         press: &Press,
         pad: &Pad,
-        drag: Option<Option<&FrictionDisplacement>>,
+        carried: Option<&CarriedLoads>,
         clock: &mut ThreadClock,
         seconds: &mut Seconds,
         effects: &mut EffectLog,
@@ -300,7 +299,7 @@ impl Simulator {
             // The pad's surface and where it touches. Rarely it bulges higher than the object was captured; then a
             // higher window is captured, and the contact is solved again.
             let markers = self.in_plane.is_some();
-            let mut contact = gelpad::deform_pad(pad, &depth, outside.as_ref(), drag, markers, effects);
+            let mut contact = gelpad::deform_pad(pad, &depth, outside.as_ref(), carried, markers, effects);
             contact.numerics.converged &= object_converged;
             let youngs_modulus_kpa = self.sensor.gelpad.youngs_modulus_kpa;
             let (shape, outside) = (&indenter.shape, outside.as_ref());
@@ -324,15 +323,14 @@ impl Simulator {
         let camera = camera.with_policy(self.policy);
 
         let negligible_mm = if let Pad::Elastic(pad) = &*self.pad { pad.negligible_mm() } else { 0.0 };
-        let drag = sliding
+        let carried = sliding
             .as_mut()
-            .map(|sliding| effects.run_timed(Effect::Friction, || sliding.friction_displacement(negligible_mm)));
+            .map(|sliding| effects.run_timed(Effect::Friction, || sliding.carried_loads(negligible_mm)));
         // A sequence has its own friction, and takes objects as rigid.
         let own_pad = self.pad.with_object_material(material).filter(|_| sliding.is_none());
         let pad = own_pad.as_ref().unwrap_or(&self.pad);
-        let drag = drag.as_ref().map(Option::as_ref);
         let CapturedContact { depth, mut contact, window } =
-            self.compute_contact(press, pad, drag, &mut clock, &mut seconds, &mut effects);
+            self.compute_contact(press, pad, carried.as_ref(), &mut clock, &mut seconds, &mut effects);
         // The contact was solved on a flat layer: a curved pad adds to the error of that model.
         if let (Some(drop_mm), Ok(error_um)) = (self.drop_mm.as_deref(), contact.numerics.model_error_um.as_mut()) {
             let depth_mm = f64::from(depth.deepest_mm);

@@ -391,6 +391,7 @@ impl Scene {
         let Some(drawn) = &self.sensor else { return Arc::clone(&plan.simulator) };
         let nominal = plan.simulator.sensor();
         let mut sensor = drawn.numbers.to_simulator_sensor(plan.job.markers.as_ref(), &plan.job.camera);
+        sensor.relaxation.clone_from(&nominal.relaxation);
         sensor.calibration = nominal.calibration.clone();
         sensor.rest_surface = nominal.rest_surface.clone();
         if let Some(photograph) = plan.sensors.photographs.get(drawn.photograph) {

@@ -61,6 +61,31 @@ pub fn with_distributions(schema: Schema) -> Value {
     schema
 }
 
+/// Returns the schema of a job, changed so that a model may be its name alone, and `[gelpad]` may have the pad's
+/// relaxation, with a model or without one.
+pub fn with_short_forms(mut schema: Value) -> Value {
+    let relaxation = schema["$defs"]["Sensor"]["properties"]["gelpad_relaxation"].clone();
+    for model in ["Model", "Model2"] {
+        let Some(choices) = schema["$defs"][model]["oneOf"].as_array_mut() else { continue };
+        let names: Vec<Value> =
+            choices.iter().flat_map(|choice| choice["required"].as_array()).flatten().cloned().collect();
+        if names.iter().any(|name| name == "elastic") {
+            for choice in &mut *choices {
+                choice["properties"]["relaxation"] = relaxation.clone();
+            }
+            choices.push(json!({
+                "type": "object",
+                "properties": { "relaxation": relaxation.clone() },
+                "required": ["relaxation"],
+                "additionalProperties": false,
+                "description": "The level's model, and how the pad relaxes in sequences."
+            }));
+        }
+        choices.push(json!({ "enum": names, "description": "A model with its defaults." }));
+    }
+    schema
+}
+
 /// Returns the properties of a definition, or of the schema itself if it is that of the definition.
 fn find_properties<'a>(schema: &'a mut Value, definition: &str) -> Option<&'a mut serde_json::Map<String, Value>> {
     let itself = schema["title"] == definition;

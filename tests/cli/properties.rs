@@ -22,12 +22,13 @@ fn resolve(text: &str, set: Vec<(String, String)>) -> Result<Plan, Report> {
 }
 
 /// What a label need not know.
-const NULLS: [&str; 13] = [
+const NULLS: [&str; 14] = [
     "/object/material/youngs_modulus_kpa",
     "/object/material/poisson_ratio",
     "/object/material/friction",
     "/contact/force_n",
     "/contact/total_force_n",
+    "/contact/total_force_at_least_n",
     "/contact/in_view_fraction",
     "/contact/peak_pressure_kpa",
     "/numerics/residual_um",

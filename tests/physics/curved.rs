@@ -511,6 +511,7 @@ fn nothing_breaks_a_curved_gel() {
                 skin_smoothing_mm: 0.2,
                 along: Along::Press,
                 in_plane: 1.0,
+                drag_smoothing_mm: 0.0,
                 size_jitter: 0.1,
                 place_jitter_mm: 0.0,
                 mount: None,

@@ -45,7 +45,7 @@ pub fn slide(
         let indenter = Indenter::clusters(Arc::clone(&ball), pose);
         let mut press = Press::new(indenter, simulator.sensor());
         press.plane = plane;
-        let step = ObjectStep { pose, depth_mm: frame.depth_mm, motion };
+        let step = ObjectStep { pose, depth_mm: frame.depth_mm, motion, duration_s: 0.0 };
         simulator.press_next(&press, &[step], &mut sliding)
     };
     frames.iter().map(step).collect()
@@ -150,7 +150,7 @@ fn a_ball_that_slips_on_a_dome_is_pulled_by_friction_and_follows_the_charts() {
         let mut press = Press::new(Indenter::clusters(Arc::clone(&ball), pose), &sensor);
         press.plane = plane;
         let motion = PlanarMotion { shift_mm, ..PlanarMotion::default() };
-        let step = ObjectStep { pose, depth_mm: 0.8, motion };
+        let step = ObjectStep { pose, depth_mm: 0.8, motion, duration_s: 0.0 };
         let found = simulator.press_next(&press, &[step], &mut sliding);
         let [force, _] = wrench(&found);
         let (sin, cos) = angle(frame).sin_cos();

@@ -47,6 +47,7 @@ mod optics;
 mod pipeline;
 mod presets;
 mod reference_solutions;
+mod relaxation;
 mod response;
 pub mod rig;
 mod scene;

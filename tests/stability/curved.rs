@@ -181,6 +181,8 @@ fn what_wraps_a_finger_beyond_its_chart_says_that_its_force_is_not_known() {
             whole.force_unknown
         );
         assert_eq!(whole.total_force_n.is_none(), wraps, "{name}");
+        let least_n = whole.total_force_at_least_n.expect("an elastic gel");
+        assert!(whole.total_force_n.is_none_or(|all| all == least_n) && least_n >= 0.0, "{name}: {least_n} N");
         assert_eq!(whole.cut_by_view, wraps, "{name}");
         assert!(force_n(found) > 0.1, "{name}");
     }

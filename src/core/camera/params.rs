@@ -85,6 +85,7 @@ impl CameraParams {
                 | Effect::RestShape
                 | Effect::Deformation
                 | Effect::Friction
+                | Effect::Relaxation
                 | Effect::FiniteStrain
                 | Effect::Supersampling
                 | Effect::Shear

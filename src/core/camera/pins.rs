@@ -17,6 +17,7 @@ use crate::base::light::Light;
 use crate::base::rng::RandomStream;
 use crate::base::view::{SURFACE_BORDER, View};
 use crate::gelpad::Contact;
+use crate::gelpad::elastic::in_plane::DisplacementField;
 
 /// The way in which points of the skin move under a press.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -45,6 +46,8 @@ pub struct Pins {
     pub along: Along,
     /// Fraction of the gel's motion in its own plane that the skin, stiffer than the gel, takes part in.
     pub in_plane: f64,
+    /// Standard deviation of the smoothing by which the skin follows what friction drags along it, mm.
+    pub drag_smoothing_mm: f64,
     /// Standard deviation of the diameters from sample to sample, as a fraction.
     pub size_jitter: f64,
     /// Standard deviation of the tips' positions in their plane from sample to sample, mm.
@@ -108,8 +111,14 @@ pub struct SkinMotion {
 
 impl SkinMotion {
     /// Computes the motion of a press on a chart with the nodes of `view`. Points of the skin move along `direction`,
-    /// or along their own normals if it is `None`.
-    pub(crate) fn new(contact: &Contact, chart: &Chart, view: &View, direction: Option<DVec3>, pins: &Pins) -> Self {
+    /// or along their own normals if it is `None`. The skin ends `lowest_mm` over the sensor's origin.
+    pub(crate) fn new(
+        contact: &Contact,
+        chart: &Chart,
+        view: &View,
+        direction: Option<DVec3>,
+        (pins, lowest_mm): (&Pins, f64),
+    ) -> Self {
         let smoothing_mm = pins.skin_smoothing_mm;
         // Half a smoothing length between nodes is fine enough for what is smoothed by it.
         let factor = view.mm_per_px.map(|pixel_mm| ((smoothing_mm / (2.0 * pixel_mm)) as usize).max(1));
@@ -118,17 +127,27 @@ impl SkinMotion {
         let first_px = factor.map(|factor| factor as f64 / 2.0);
         let origin_mm = view.point_mm(first_px);
         let to_chart_axes = chart.axes().transpose();
+        let tangential = contact.tangential.as_ref();
+        let dragged = tangential.and_then(|tangential| tangential.dragged.as_ref());
         let mut planes = [(); 3].map(|()| Vec::with_capacity(width * height));
+        // What friction drags along the skin, along the gel's tangents, and where there is skin.
+        let mut drag = [(); 3].map(|()| Vec::new());
         for y in 0..height {
             for x in 0..width {
                 let at = [origin_mm[0] + x as f64 * spacing_mm[0], origin_mm[1] + y as f64 * spacing_mm[1]];
                 let rest = chart.surface_frame(at);
                 let block = NodeBlock::new([x, y], factor, view.resolution_px);
                 let depth_mm = f64::from(block.mean(&contact.surface, SURFACE_BORDER));
-                let [along, down] = contact
-                    .tangential
-                    .as_ref()
-                    .map_or([0.0; 2], |tangential| tangential.field.at(at).map(|mm| pins.in_plane * f64::from(mm)));
+                let follows = |field: &DisplacementField| field.at(at).map(|mm| pins.in_plane * f64::from(mm));
+                let mut moved = tangential.map_or([0.0; 2], |tangential| follows(&tangential.field));
+                if let Some(dragged) = dragged {
+                    let part = follows(dragged);
+                    moved = [moved[0] - part[0], moved[1] - part[1]];
+                    let is_skin = f64::from(rest.point_mm.z >= lowest_mm);
+                    let values = [is_skin * part[0], is_skin * part[1], is_skin];
+                    drag.iter_mut().zip(values).for_each(|(plane, value)| plane.push(value as f32));
+                }
+                let [along, down] = moved;
                 // Skin that sticks to the object goes where that pushes it; the rest moves along its normal.
                 let into = direction.map_or(rest.normal, |press| {
                     let sticks = f64::from(block.mean(&contact.mask, 0)) / 255.0;
@@ -139,7 +158,22 @@ impl SkinMotion {
             }
         }
         let sigma_px = spacing_mm.map(|mm| smoothing_mm / mm);
-        let smoothed = gaussian_blur::blur_whole(&planes, width, height, sigma_px);
+        let mut smoothed = gaussian_blur::blur_whole(&planes, width, height, sigma_px);
+        if dragged.is_some() {
+            let sigma_px = spacing_mm.map(|mm| libm::hypot(smoothing_mm, pins.drag_smoothing_mm) / mm);
+            let whole = Rect::whole(width, height);
+            let [along, down, skin] = gaussian_blur::blur_region(&drag, whole, whole, sigma_px);
+            for node in (0..width * height).filter(|node| skin[*node] > 0.0) {
+                let at = [
+                    origin_mm[0] + (node % width) as f64 * spacing_mm[0],
+                    origin_mm[1] + (node / width) as f64 * spacing_mm[1],
+                ];
+                let rest = chart.surface_frame(at);
+                let [along, down] = [along[node], down[node]].map(|mm| f64::from(mm / skin[node]));
+                let moved = to_chart_axes * (along * rest.tangents[0] + down * rest.tangents[1]);
+                smoothed.iter_mut().zip(moved.to_array()).for_each(|(plane, value)| plane[node] += value as f32);
+            }
+        }
         let planes = smoothed.map(|data| Grid { width, height, data });
         Self { chart: chart.clone(), planes, spacing_mm, origin_mm }
     }

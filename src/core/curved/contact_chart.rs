@@ -8,6 +8,7 @@ use glam::{DVec2, DVec3};
 use super::CurvedGel;
 use crate::base::chart::Chart;
 use crate::base::gel::{GelShape, Site};
+use crate::base::gel_surface::GelSurface;
 use crate::base::gel_surface::geodesic_chart::GeodesicChart;
 use crate::depth::deepest_point;
 use crate::depth::normal_lines::START_DEPTH;
@@ -72,23 +73,11 @@ impl CurvedGel {
     }
 
     /// Makes the chart for a contact around a point. On a dome its centre is the tip as long as the contact is near the
-    /// tip; farther out it follows the contact, as charts are wider than the gel far from their centre. On a capsule it
-    /// is the chart of the closest latitude. On a mesh it is the tip's chart as long as the gel there leans little and
-    /// the point is within the view, else a chart around the point.
+    /// tip; farther out it follows the contact, as charts are wider than the gel far from their centre. It does so on a
+    /// mesh, too, along the way from the tip. On a capsule it is the chart of the closest latitude.
     pub(super) fn chart_around(&self, site: Site) -> Chart {
         if let GelShape::Mesh(surface) = &self.shape {
-            let tip = Chart::at_tip(&self.shape);
-            let [x, y] = tip.locate_site(site);
-            let within =
-                |mm: f64, k: usize| mm.abs() <= 0.5 * self.view.resolution_px[k] as f64 * self.view.mm_per_px[k];
-            let near =
-                site.normal.angle_between(surface.tip_normal()) < TIP_CHART_ANGLE && within(x, 0) && within(y, 1);
-            return match near {
-                true => tip,
-                false => {
-                    Chart::from_geodesics(Arc::new(GeodesicChart::around_point(surface, site.point_mm, self.reach_mm)))
-                }
-            };
+            return self.chart_on_mesh(surface, site);
         }
         if self.shape.wall_mm().is_some() {
             return Chart::around_site(&self.shape, site);
@@ -102,6 +91,35 @@ impl CurvedGel {
         } else {
             tip
         }
+    }
+
+    /// Makes the chart on a mesh for a contact around a point. Its centre is the first place on the way from the tip from
+    /// which the gel leans little up to the contact, and which has the contact within its view. Its axes are the tip's,
+    /// moved there without rotation. For a contact that the tip's chart does not reach, it is the chart around it.
+    fn chart_on_mesh(&self, surface: &GelSurface, site: Site) -> Chart {
+        let tip = Chart::at_tip(&self.shape);
+        let at = DVec2::from(tip.locate_site(site));
+        if at.is_nan() {
+            return Chart::from_geodesics(Arc::new(GeodesicChart::around_point(surface, site.point_mm, self.reach_mm)));
+        }
+        let contact = tip.surface_frame(at.to_array()).normal;
+        let is_near = |share: f64| {
+            let normal = tip.surface_frame((share * at).to_array()).normal;
+            let beyond = (1.0 - share) * at.abs();
+            let half_mm = |k: usize| 0.5 * self.view.resolution_px[k] as f64 * self.view.mm_per_px[k];
+            normal.angle_between(contact) <= TIP_CHART_ANGLE && beyond.x <= half_mm(0) && beyond.y <= half_mm(1)
+        };
+        if is_near(0.0) {
+            return tip;
+        }
+        let (mut far, mut near) = (0.0, 1.0);
+        for _ in 0..40 {
+            let middle = 0.5 * (far + near);
+            *(if is_near(middle) { &mut near } else { &mut far }) = middle;
+        }
+        let frame = tip.surface_frame((near * at).to_array());
+        let chart = GeodesicChart::with_x_axis(surface, frame.point_mm, frame.tangents[0], self.reach_mm);
+        Chart::from_geodesics(Arc::new(chart))
     }
 
     /// Converts a motion in the sensor's x and y to a chart.

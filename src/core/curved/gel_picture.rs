@@ -94,6 +94,11 @@ impl GelPicture {
 }
 
 impl CurvedGel {
+    /// Returns true if the gel has pins on a skin that follows friction more smoothly than the gel.
+    pub(super) fn has_stiff_skin(&self) -> bool {
+        matches!(&self.picture, GelPicture::Pins(seen) if seen.pins.drag_smoothing_mm > 0.0)
+    }
+
     /// Returns the light of the untouched gel.
     pub fn untouched_light(&self) -> Light {
         match &self.picture {
@@ -155,7 +160,8 @@ impl CurvedGel {
         let moved = if contact.region.is_empty() {
             resting.clone()
         } else {
-            let motion = SkinMotion::new(contact, chart, &self.view, direction, pins);
+            let lowest_mm = sites.iter().map(|site| site.point_mm.z).fold(f64::INFINITY, f64::min);
+            let motion = SkinMotion::new(contact, chart, &self.view, direction, (pins, lowest_mm));
             pins.moved_tips(sites, &motion, &self.camera)
         };
         PinPositions { rest: resting.clone(), moved }

@@ -25,7 +25,6 @@ pub mod traction_map;
 
 use crate::base::simd::{largest_value, simd_dispatch};
 use elastic::elastic_object::DeformedObject;
-use elastic::friction::FrictionDisplacement;
 use elastic::in_plane::{InPlaneResponse, Load};
 use elastic::layer::ElasticLayer;
 use elastic::placed::PlacedDisplacement;
@@ -37,6 +36,7 @@ use material::Material;
 use mean_blur::MeanBlur;
 use no_deformation::NoDeformation;
 use object_material::ObjectMaterial;
+use sliding::CarriedLoads;
 use subpixel::Subpixel;
 use tangential::TangentialMotion;
 use total_contact::{OutsideWindow, TotalContact};
@@ -271,19 +271,28 @@ pub fn deform_object(
 /// Presses the object into the pad, with the contact outside the window. `markers` is true if something shows how the
 /// pad moves in its own plane.
 ///
-/// In a sequence friction was already solved for: `carried` then has the displacement by its tractions. An inner `None`
-/// means that it is negligible.
+/// In a sequence friction was already solved for: `carried` then has what the loads before this press do.
 pub fn deform_pad(
     pad: &Pad,
     depth: &Depth,
     outside: Option<&OutsideWindow>,
-    carried: Option<Option<&FrictionDisplacement>>,
+    carried: Option<&CarriedLoads>,
     markers: bool,
     effects: &mut EffectLog,
 ) -> Contact {
     let clear = depth.touching.is_empty() && outside.is_none_or(|outside| outside.displacement.is_none());
+    let remembered = carried.and_then(|carried| carried.remembered.as_ref());
+    let relaxation = match (pad, carried.map(|carried| carried.relaxes)) {
+        (Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_), _) => Requirement::Absent("the gelpad model knows none"),
+        (_, None) => Requirement::Absent("a single press takes no time"),
+        (_, Some(None)) => Requirement::Absent("the pad does not relax"),
+        (_, Some(Some(false))) => Requirement::Unneeded("nothing has loaded the pad"),
+        (_, Some(Some(true))) => Requirement::Needed("loads on the pad relax with time"),
+    };
+    effects.enable(Effect::Relaxation, relaxation);
     let need = match pad {
         Pad::None => Requirement::Absent("the gelpad model has none"),
+        _ if clear && remembered.is_some() => Requirement::Needed("the pad has not recovered from earlier loads"),
         _ if clear => Requirement::Unneeded("nothing reaches into the pad"),
         _ => Requirement::Needed("the object reaches into the pad"),
     };
@@ -320,9 +329,14 @@ pub fn deform_pad(
                 None if holds && !sticks => effects.run_timed(Effect::Friction, || pad.solve_friction(depth, outside)),
                 _ => None,
             };
-            let drag = carried.flatten().filter(|_| holds).or(drag.as_ref());
-            let prior = PriorDisplacement { outside, friction: drag, strain: strain.as_ref() };
-            effects.run_timed(Effect::Deformation, || pad.press_displaced_pad(depth, prior))
+            let carried_drag = carried.and_then(|carried| carried.friction.as_ref());
+            let drag = carried_drag.filter(|_| holds).or(drag.as_ref());
+            let prior = PriorDisplacement { outside, friction: drag, remembered, strain: strain.as_ref() };
+            let mut contact = effects.run_timed(Effect::Deformation, || pad.press_displaced_pad(depth, prior));
+            if let Some(carried) = carried.filter(|carried| carried.stiffness != 1.0) {
+                contact.scale_forces(carried.stiffness);
+            }
+            contact
         }
         _ if deforms || clear => effects.run_timed(Effect::Deformation, || pad.press(depth)),
         _ => no_deformation::press(depth),

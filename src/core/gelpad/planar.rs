@@ -39,6 +39,11 @@ impl FrameAxes {
         self.rotation.rotate(direction)
     }
 
+    /// Converts a direction in the sensor's frame to this frame.
+    pub fn direction_to_frame(&self, direction: [f64; 2]) -> [f64; 2] {
+        self.rotation.rotate_back(direction)
+    }
+
     /// Converts a point in the frame to the sensor's frame.
     pub fn to_sensor(&self, place_mm: [f64; 2]) -> [f64; 2] {
         let at = self.rotation.rotate(place_mm);

@@ -8,11 +8,15 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::elastic::friction::FrictionDisplacement;
-use super::elastic::friction_history::{FrameMotion, FrictionHistory, StepOutcome, StepPressure, StickSlip};
+use super::elastic::friction_history::{
+    FrameMotion, FrictionHistory, RelaxedPad, StepOutcome, StepPressure, StickSlip,
+};
 use super::elastic::in_plane::{DisplacementField, InPlaneResponse, Load};
 use super::elastic::layer::ElasticLayer;
+use super::elastic::placed::{GridPlacement, PlacedDisplacement};
+use super::elastic::relaxation::{RelaxationMode, StressMemory};
 use super::elastic::shear::Friction;
-use super::elastic::{self, Elastic};
+use super::elastic::{self, Elastic, PriorDisplacement};
 use super::material::Material;
 use super::planar::{PlanarFrame, PlanarMotion};
 use super::traction_map::TractionMap;
@@ -39,18 +43,27 @@ pub struct ObjectStep {
     pub depth_mm: f64,
     /// Motion of the object's surface at the contact.
     pub motion: PlanarMotion,
+    /// Time that the step takes, s, 0 or above. It matters to pads that relax.
+    pub duration_s: f64,
 }
 
 impl ObjectStep {
-    /// Makes the step that leads to the pose of an indenter.
+    /// Makes the step that leads to the pose of an indenter; it takes no time.
     pub fn to(indenter: &Indenter, motion: PlanarMotion) -> Self {
-        Self { pose: indenter.pose, depth_mm: indenter.depth_mm, motion }
+        Self { pose: indenter.pose, depth_mm: indenter.depth_mm, motion, duration_s: 0.0 }
+    }
+
+    /// Returns the step with another duration, s.
+    pub fn lasting(self, duration_s: f64) -> Self {
+        Self { duration_s, ..self }
     }
 
     pub(crate) fn is_finite(&self) -> bool {
-        let Self { pose, depth_mm, motion: PlanarMotion { shift_mm: [x, y], turn_rad, about_mm: [u, v] } } = self;
+        let Self { pose, depth_mm, motion, duration_s } = self;
+        let PlanarMotion { shift_mm: [x, y], turn_rad, about_mm: [u, v] } = motion;
         let in_place = pose.rotation.is_finite() && pose.translation_mm.is_finite() && depth_mm.is_finite();
-        in_place && [x, y, turn_rad, u, v].iter().all(|number| number.is_finite())
+        let takes_time = duration_s.is_finite() && *duration_s >= 0.0;
+        in_place && takes_time && [x, y, turn_rad, u, v].iter().all(|number| number.is_finite())
     }
 }
 
@@ -112,6 +125,19 @@ pub struct Slip {
     pub converged: bool,
 }
 
+/// What the loads on a pad before a frame's press do to it.
+#[derive(Clone, Debug)]
+pub struct CarriedLoads {
+    /// Displacement by the tractions; `None` if it is negligible.
+    pub friction: Option<FrictionDisplacement>,
+    /// Displacement by the loads that the pad remembers; `None` if it is negligible.
+    pub remembered: Option<PlacedDisplacement>,
+    /// Whether any load relaxes; `None` on a pad that does not relax.
+    pub relaxes: Option<bool>,
+    /// Stiffness of the pad in the last step over that of an elastic one.
+    pub stiffness: f64,
+}
+
 /// Returns the number of pixels along the longer side of the view on which tractions are solved for, by the resolution
 /// of the pad's model.
 fn traction_grid_px(resolution: Resolution) -> f64 {
@@ -128,12 +154,13 @@ pub struct SlidingPad {
     view: View,
     pad: elastic::ElasticPad,
     material: Material,
+    relaxation: Arc<[RelaxationMode]>,
     tolerance_mm: f64,
 }
 
 impl SlidingPad {
     /// Prepares a pad that the camera sees in `view`.
-    pub(crate) fn new(elastic: &Elastic, material: &Material, view: &View) -> Self {
+    pub(crate) fn new(elastic: &Elastic, material: &Material, relaxation: &[RelaxationMode], view: &View) -> Self {
         let extent = [0, 1].map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]);
         let longest = extent[0].max(extent[1]);
         let camera_mm = view.mm_per_px[0].max(view.mm_per_px[1]);
@@ -143,7 +170,8 @@ impl SlidingPad {
         let view = View { resolution_px: size, mm_per_px: [spacing_mm; 2] };
         let elastic = Elastic { resolution: Resolution::Full, friction: None, ..*elastic };
         let pad = elastic::ElasticPad::new(&elastic, material, &view);
-        Self { view, pad, material: *material, tolerance_mm: TOLERANCE_SHARE * 1e-3 * elastic.tolerance_um.min(1.0) }
+        let tolerance_mm = TOLERANCE_SHARE * 1e-3 * elastic.tolerance_um.min(1.0);
+        Self { view, pad, material: *material, relaxation: relaxation.into(), tolerance_mm }
     }
 }
 
@@ -158,6 +186,7 @@ const POSE_TOLERANCE: f64 = 1e-9;
 const DEPTH_TOLERANCE: f64 = 5e-3;
 
 /// An object on the pad, with its state from one frame of a sequence to the next.
+#[derive(Clone)]
 pub struct Sliding {
     youngs_modulus_kpa: f64,
     thickness_mm: f64,
@@ -166,12 +195,16 @@ pub struct Sliding {
     /// The pad in that view.
     pad: elastic::ElasticPad,
     history: FrictionHistory,
+    /// What the pad remembers of earlier loads; `None` if it does not relax.
+    memory: Option<StressMemory>,
     /// Position of the object's frame in the pad's plane, or on the chart of a curved gel.
     frame: PlanarFrame,
     /// Motion of the object in the plane that it is posed over; on a flat pad the same as `frame`.
     plane_frame: PlanarFrame,
     /// The chart that the frame lies on, and the point of the gel where the object is closest.
     chart_and_site: Option<(Chart, Site)>,
+    /// The chart that the memory lies on, and where the object was closest.
+    memory_chart: Option<(Chart, Site)>,
     /// The object's pose and depth when the pressure was solved for; the pose is in the frame on a flat pad.
     pressed_pose: Option<(Pose, f64)>,
     /// True if the object touched the window's border then: it may extend beyond it.
@@ -196,17 +229,24 @@ impl Sliding {
 
     /// Starts without contact.
     pub(crate) fn new(pad: &SlidingPad, friction: Friction) -> Self {
-        let SlidingPad { view, pad, material, tolerance_mm } = pad.clone();
+        let SlidingPad { view, pad, material, relaxation, tolerance_mm } = pad.clone();
         let coefficient = friction.coefficient().unwrap_or(f64::INFINITY);
+        let layer = ElasticLayer::new(&material);
+        let memory = (!relaxation.is_empty()).then(|| {
+            let size = view.resolution_px.map(|px| px + 2 * pad.capture_window(0.0).margin_px);
+            StressMemory::new(&relaxation, layer, Arc::clone(pad.response()), view.mm_per_px, size)
+        });
         Self {
             youngs_modulus_kpa: material.youngs_modulus_kpa,
             thickness_mm: material.thickness_mm,
-            history: FrictionHistory::new(ElasticLayer::new(&material), coefficient, view.mm_per_px, tolerance_mm),
+            history: FrictionHistory::new(layer, coefficient, view.mm_per_px, tolerance_mm),
+            memory,
             view,
             pad,
             frame: PlanarFrame::default(),
             plane_frame: PlanarFrame::default(),
             chart_and_site: None,
+            memory_chart: None,
             pressed_pose: None,
             is_cut: false,
             view_centre_px: [0; 2],
@@ -230,19 +270,21 @@ impl Sliding {
     pub(crate) fn advance(&mut self, steps: &[ObjectStep], indenter: &Indenter, ground: CaptureInput<'_>) {
         self.begin_frame();
         for step in steps {
+            self.begin_step(step);
             let moved = self.frame.move_by(step.motion);
             self.plane_frame = self.frame;
             let in_frame = self.frame.pose_in_frame(step.pose);
-            let stays = self.pressed_pose.is_some_and(|(pose, depth_mm)| {
-                // The deepest pixel of a height map changes as the map is resampled.
-                let slack =
-                    if matches!(indenter.shape, Shape::HeightMap(_)) { DEPTH_TOLERANCE * depth_mm } else { 0.0 };
-                (depth_mm - step.depth_mm).abs() <= slack
+            let stays = self.memory.is_none()
+                && self.pressed_pose.is_some_and(|(pose, depth_mm)| {
+                    // The deepest pixel of a height map changes as the map is resampled.
+                    let slack =
+                        if matches!(indenter.shape, Shape::HeightMap(_)) { DEPTH_TOLERANCE * depth_mm } else { 0.0 };
+                    (depth_mm - step.depth_mm).abs() <= slack
                     && is_same_pose(&pose, &in_frame)
                     && (ground.drop_mm.is_none() || moved == FrameMotion::default())
                     // If the window cut the object, a move of the view brings a new part into it.
                     && (!self.is_cut || self.next_view_centre() == self.view_centre_px)
-            });
+                });
             if !stays {
                 self.view_centre_px = self.next_view_centre();
             }
@@ -258,6 +300,18 @@ impl Sliding {
         self.slip = Slip { displacement_mm, converged: true, ..Slip::no_contact() };
     }
 
+    /// Begins a step of a frame: what the pad remembers relaxes for as long as it takes.
+    fn begin_step(&mut self, step: &ObjectStep) {
+        if let Some(memory) = &mut self.memory {
+            memory.begin_step(step.duration_s);
+        }
+    }
+
+    /// Returns the stiffness of the pad in the last step over that of an elastic one.
+    fn stiffness(&self) -> f64 {
+        self.memory.as_ref().map_or(1.0, StressMemory::stiffness)
+    }
+
     /// Advances friction under a new pressure (`found`), or under the same one (`None`).
     fn apply_pressure(&mut self, found: Option<(Option<Load>, bool)>, placed: (Pose, f64), moved: FrameMotion) {
         let normal = match &found {
@@ -269,7 +323,22 @@ impl Sliding {
             self.is_cut = *cut;
             self.pressed_pose = load.is_some().then_some(placed);
         }
-        let done = self.history.step(&normal, moved);
+        let done = match &mut self.memory {
+            None => self.history.step(&normal, moved),
+            Some(memory) => {
+                let axes = self.frame.axes();
+                let motion = match &normal {
+                    StepPressure::Load(load) => memory.motion(&axes, load.corners_mm().into_iter()),
+                    _ => None,
+                };
+                let motion_at = motion.map(|motion| move |place: [f64; 2]| motion.at(&axes, place));
+                let motion_at = motion_at.as_ref().map(|motion_at| motion_at as &dyn Fn([f64; 2]) -> [f64; 2]);
+                let pad = RelaxedPad { stiffness: memory.stiffness(), motion_at };
+                let done = self.history.step_on_relaxed_pad(&normal, moved, pad);
+                memory.finish_step(&self.history, &axes);
+                done
+            }
+        };
         self.accumulate_slip(&done);
     }
 
@@ -322,7 +391,20 @@ impl Sliding {
         let mut window = self.pad.capture_window(depth_mm);
         loop {
             let depth = captured(window);
-            let contact = self.pad.press(&depth);
+            let remembered = self
+                .memory
+                .as_ref()
+                .and_then(|memory| memory.down_in_frame(&self.frame.axes(), self.frame.angle_rad, middle_mm));
+            let mut contact = match &remembered {
+                None => self.pad.press(&depth),
+                Some(down) => {
+                    let prior = PriorDisplacement { remembered: Some(down), ..PriorDisplacement::default() };
+                    self.pad.press_displaced_pad(&depth, prior)
+                }
+            };
+            if let (Some(load), Some(memory)) = (&mut contact.load, &self.memory) {
+                load.pressure.data.iter_mut().for_each(|p| *p *= memory.stiffness() as f32);
+            }
             match self.pad.higher_window(window, &contact) {
                 Some(higher) => window = higher,
                 None => {
@@ -443,19 +525,39 @@ impl Sliding {
         Wrench { force_n: [fx, fy, fz].map(|n| n + 0.0), torque_nmm: [torque_x, torque_y, torque_z].map(|n| n + 0.0) }
     }
 
-    /// Returns the displacement into the pad that the tractions cause; `None` if there are no tractions, or it is below
-    /// `unseen_mm`.
-    pub(crate) fn friction_displacement(&mut self, unseen_mm: f64) -> Option<FrictionDisplacement> {
-        let (down, origin_mm) = self.history.normal_displacement()?;
+    /// Returns what the loads on the pad before a frame's press do to it. Displacements below `unseen_mm` are left out.
+    pub(crate) fn carried_loads(&mut self, unseen_mm: f64) -> CarriedLoads {
+        let stiffness = self.stiffness();
         let PlanarFrame { origin_mm: frame_mm, angle_rad } = self.frame;
-        let drag = FrictionDisplacement::from_frame(down, origin_mm, self.view.mm_per_px, frame_mm, angle_rad);
-        (drag.largest_mm() >= unseen_mm).then_some(drag)
+        let by_tractions = self.history.normal_displacement().map(|(mut down, origin_mm)| {
+            if stiffness != 1.0 {
+                down.data.iter_mut().for_each(|mm| *mm /= stiffness as f32);
+            }
+            let placement = GridPlacement { origin_mm, mm_per_px: self.view.mm_per_px };
+            let down = PlacedDisplacement { values_mm: down, placement };
+            FrictionDisplacement::carried(down.in_turned_frame(frame_mm, angle_rad))
+        });
+        CarriedLoads {
+            friction: by_tractions.filter(|drag| drag.largest_mm() >= unseen_mm),
+            remembered: self.memory.as_mut().and_then(|memory| memory.displacement(unseen_mm)),
+            relaxes: self.memory.as_ref().map(|memory| !memory.is_blank() || self.pressed_pose.is_some()),
+            stiffness,
+        }
     }
 
     /// Computes the motion of the pad in its plane under a pressure and the tractions.
-    pub(crate) fn displacement_field(&self, in_plane: &InPlaneResponse, load: &Load) -> DisplacementField {
-        if self.history.has_no_tractions() {
-            return in_plane.under_pressure(load);
+    /// `None` if nothing loads the pad.
+    pub(crate) fn displacement_field(
+        &self,
+        in_plane: &InPlaneResponse,
+        load: Option<&Load>,
+    ) -> Option<DisplacementField> {
+        let remembered = self.memory.as_ref().filter(|memory| !memory.is_blank());
+        if self.history.has_no_tractions() && remembered.is_none() {
+            return load.map(|load| in_plane.under_pressure(load));
+        }
+        if load.is_none() && remembered.is_none() {
+            return None;
         }
         // Divide each pixel into points no farther apart than half the spacing of the values that they are added to.
         let parts = (libm::ceil(2.0 * self.view.mm_per_px[0] / in_plane.spacing_mm()) as usize).clamp(1, 8);
@@ -467,10 +569,14 @@ impl Sliding {
             let force = axes.direction_to_sensor(force).map(|part| share * part);
             (0..parts * parts).map(move |part| {
                 let at = [place[0] + within(part % parts, 0), place[1] + within(part / parts, 1)];
-                (axes.to_sensor(at), force)
+                (axes.to_sensor(at), [force[0], force[1], 0.0])
             })
         });
-        in_plane.under_load_and_forces(load, points)
+        // A layer of another stiffness is displaced by the same loads in proportion.
+        let divide = 1.0 / self.stiffness();
+        let points = points.map(|(at, force)| (at, force.map(|part| divide * part)));
+        let remembered = remembered.into_iter().flat_map(StressMemory::forces);
+        Some(in_plane.under_load_and_forces(load, points.chain(remembered)))
     }
 
     /// Returns the tractions and the pressure of the last step, multiplied by a factor; `None` without contact.

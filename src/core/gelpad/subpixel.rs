@@ -131,7 +131,8 @@ pub fn sample_subpixels(scene: &SubpixelInput<'_>, effects: &mut EffectLog) -> O
         (Shape::Mesh(_), Pad::None | Pad::Elastic(_)) => None,
     };
     let weights = match absent {
-        None if !contact.region.is_empty() => {
+        // A dent that is left is smooth.
+        None if !contact.region.is_empty() && !scene.depth.touching.is_empty() => {
             effects.run_timed(Effect::Supersampling, || SampleWeights::new(contact, view))
         }
         _ => SampleWeights::default(),

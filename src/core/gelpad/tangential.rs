@@ -20,6 +20,19 @@ pub struct TangentialMotion {
     pub shear: Option<shear::ShearOutcome>,
     /// The tractions of that, with the pressure.
     pub tractions: Option<TractionMap>,
+    /// The part of the motion that tractions cause; `None` if nothing asked for it.
+    pub(crate) dragged: Option<DisplacementField>,
+}
+
+impl TangentialMotion {
+    /// Sets apart the motion that tractions cause from that under the pressure alone.
+    pub(crate) fn set_drag_apart(&mut self, in_plane: &InPlaneResponse, load: Option<&Load>) {
+        let mut dragged = self.field.clone();
+        if let Some(load) = load {
+            dragged.subtract(&in_plane.under_pressure(load));
+        }
+        self.dragged = Some(dragged);
+    }
 }
 
 /// Motion of an object in the pad's plane after the press, and the friction between pad and object.
@@ -50,9 +63,8 @@ pub fn solve_tangential_motion(
 ) -> Option<TangentialMotion> {
     if let Some(carried) = carried {
         effects.enable(Effect::Shear, Requirement::Absent("a sequence moves its object from frame to frame"));
-        let (in_plane, load) = in_plane.zip(load)?;
-        let field = effects.run_timed(Effect::Markers, || carried.displacement_field(in_plane, load));
-        return Some(TangentialMotion { field, shear: None, tractions: None });
+        let field = effects.run_timed(Effect::Markers, || carried.displacement_field(in_plane?, load))?;
+        return Some(TangentialMotion { field, shear: None, tractions: None, dragged: None });
     }
     let still = |shear: &Shear| shear.motion.shift_mm == [0.0; 2] && shear.motion.twist_rad == 0.0;
     let need = match (shear, in_plane, load) {
@@ -88,5 +100,5 @@ pub fn solve_tangential_motion(
         })
     });
     let (shear, tractions) = shear.unzip();
-    Some(TangentialMotion { field, shear, tractions })
+    Some(TangentialMotion { field, shear, tractions, dragged: None })
 }

@@ -59,6 +59,9 @@ impl OutsideWindow {
 pub struct TotalContact {
     /// Normal force of the complete object, N, if it is known.
     pub total_force_n: Option<f64>,
+    /// Force that the complete object has at least, N: of what is known of it. Equal to `total_force_n` if that is known;
+    /// `None` for a depth frame that ends within the contact, and if the model computes none.
+    pub total_force_at_least_n: Option<f64>,
     /// True if the object touches the pad outside the view, too.
     pub cut_by_view: bool,
     /// Share of the contact's area that is in view, if it is known; 0 without contact.
@@ -107,19 +110,21 @@ pub fn measure_total_contact(
         (_, false) => "the contact beyond the view is not solved",
         _ => "",
     };
+    // An object that is cut off presses less than the complete one.
+    let alone_n = contact.force_n;
     if !solved {
         contact.force_n = None;
     }
     let all_mm2 = in_view_mm2 + area_mm2;
+    let total_force_n = contact.force_n.map(|in_view| match area_mm2 > 0.0 {
+        true => {
+            in_view + force_n + contact.stiffening_factor * outside.and_then(|outside| outside.force_n).unwrap_or(0.0)
+        }
+        false => in_view,
+    });
     TotalContact {
-        total_force_n: contact.force_n.map(|in_view| match area_mm2 > 0.0 {
-            true => {
-                in_view
-                    + force_n
-                    + contact.stiffening_factor * outside.and_then(|outside| outside.force_n).unwrap_or(0.0)
-            }
-            false => in_view,
-        }),
+        total_force_n,
+        total_force_at_least_n: total_force_n.or(alone_n),
         cut_by_view: area_mm2 > 0.0,
         raised_mm: outside.map_or(0.0, OutsideWindow::raised_mm),
         in_view_fraction: Some(if all_mm2 > 0.0 { in_view_mm2 / all_mm2 } else { 0.0 }),
@@ -138,7 +143,16 @@ impl TotalContact {
         if cut_by_view {
             contact.force_n = None;
         }
-        Self { total_force_n: None, cut_by_view, in_view_fraction: None, raised_mm: 0.0, force_unknown }
+        // What touches beyond the frame only adds to what does not reach its border.
+        let total_force_at_least_n = contact.force_n;
+        Self {
+            total_force_n: None,
+            total_force_at_least_n,
+            cut_by_view,
+            in_view_fraction: None,
+            raised_mm: 0.0,
+            force_unknown,
+        }
     }
 }
 

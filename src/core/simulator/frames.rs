@@ -26,7 +26,13 @@ impl Simulator {
         if elastic.strain_correction {
             return None;
         }
-        Some(self.frame_pad.get_or_init(|| SlidingPad::new(elastic, &self.sensor.gelpad, &self.view)))
+        Some(self.frame_pad.get_or_init(|| {
+            let relaxation = match self.policy {
+                EffectPolicy::Without(Effect::Relaxation) => &[][..],
+                _ => &self.sensor.relaxation,
+            };
+            SlidingPad::new(elastic, &self.sensor.gelpad, relaxation, &self.view)
+        }))
     }
 
     /// Presses the object in the next frame of a sequence.
@@ -89,6 +95,22 @@ impl Simulator {
         match &self.curved {
             Some(curved) => curved.force_n(sliding, &self.moving_object(press), &pose),
             None => sliding.normal_force_n(&press.indenter, pose, depth_mm, self.contact_conditions(press)),
+        }
+    }
+
+    /// Returns the normal force of the entire object on the pad, N, after the steps of a frame, without changing the
+    /// state.
+    pub fn force_after_n(&self, sliding: &Sliding, press: &Press, steps: &[ObjectStep]) -> f64 {
+        let mut after = sliding.clone();
+        match &self.curved {
+            Some(curved) => {
+                curved.advance(&mut after, steps, &self.moving_object(press));
+                after.pressing_force_on_gel_n()
+            }
+            None => {
+                after.advance(steps, &press.indenter, self.contact_conditions(press));
+                0.0 - after.wrench().force_n[2]
+            }
         }
     }
 

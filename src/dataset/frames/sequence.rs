@@ -100,7 +100,7 @@ impl SequenceFollower {
         let placement = *self.texture_placement.get_or_insert_with(|| TexturePlacement::at_pose(&pose));
         let mut press = scene.to_press(plan);
         press.texture = press.texture.map(|texture| texture.with_placement(placement));
-        let step = ObjectStep { pose, depth_mm, motion };
+        let step = ObjectStep { pose, depth_mm, motion, duration_s: 1.0 / self.frame_rate_hz };
         let simulator = scene.simulator(plan);
         let impression = simulator.press_next(&press, &[step], sliding);
         let label = Label::describe(plan, &scene, &simulator, &impression, None);

@@ -23,6 +23,7 @@ use shape::SensorShape;
 use unit::UnitVariation;
 
 use gelsim_core::depth::rest_surface::Grain;
+use gelsim_core::gelpad::elastic::relaxation::RelaxationMode;
 use gelsim_core::optics::background::RenderedBackground;
 use gelsim_core::optics::lamps::Lamp;
 use gelsim_core::optics::led::Led;
@@ -66,6 +67,9 @@ pub struct Sensor {
     pub gelpad_youngs_modulus_kpa: f64,
     /// Poisson ratio of the gelpad, 0 to 0.4999.
     pub gelpad_poisson_ratio: f64,
+    /// How the gelpad relaxes in sequences; none by default.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub gelpad_relaxation: Vec<RelaxationMode>,
     /// A real image of the untouched pad, relative to the file this stands in; without it the sensor renders its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub background: Option<String>,
@@ -147,6 +151,7 @@ impl Sensor {
     ) -> sensor::Sensor {
         let resolution_px = self.resolution_px.map(|px| px as usize);
         let mut sensor = sensor::Sensor::new(&self.name, resolution_px, self.field_of_view_mm, self.gelpad_material());
+        sensor.relaxation = self.gelpad_relaxation.clone();
         sensor.shape = self.gel_shape();
         sensor.lens = self.lens.unwrap_or_default();
         sensor.pins = self.pins.as_ref().map(PinDistribution::to_pins);
@@ -210,6 +215,7 @@ impl Default for Sensor {
             gelpad_thickness_mm: 3.0,
             gelpad_youngs_modulus_kpa: 145.0,
             gelpad_poisson_ratio: 0.48,
+            gelpad_relaxation: Vec::new(),
             background: None,
             background_sha256: None,
             calibration: None,

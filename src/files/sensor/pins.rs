@@ -44,6 +44,10 @@ pub struct PinDistribution {
     /// 1.
     #[serde(default = "default_in_plane")]
     pub in_plane: f64,
+    /// Standard deviation of the smoothing by which the skin follows what friction drags along it, mm; 0: as the gel does.
+    /// A stiff skin moves more as a whole.
+    #[serde(default)]
+    pub drag_smoothing_mm: f64,
     /// Standard deviation of the diameters from sample to sample, as a fraction.
     #[serde(default)]
     pub size_jitter: f64,
@@ -84,6 +88,7 @@ impl PinDistribution {
             skin_smoothing_mm: self.skin_smoothing_mm,
             along: self.along,
             in_plane: self.in_plane,
+            drag_smoothing_mm: self.drag_smoothing_mm,
             size_jitter: self.size_jitter,
             place_jitter_mm: self.place_jitter_mm,
             mount: self.mount,
@@ -216,6 +221,7 @@ mod tests {
             skin_smoothing_mm: 0.0,
             along: Along::Normal,
             in_plane: 1.0,
+            drag_smoothing_mm: 0.0,
             size_jitter: 0.0,
             place_jitter_mm: 0.0,
             mount: None,

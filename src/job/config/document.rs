@@ -255,6 +255,21 @@ impl Document {
         }
     }
 
+    /// Moves the key `from[1]` of the top-level table `from[0]` to the key `to[1]` of the table `to[0]`. A table that
+    /// becomes empty is removed. Returns the key's place, or `None` if there is no such key.
+    pub fn move_key(&mut self, from: [&str; 2], to: [&str; 2]) -> Option<SourceSpan> {
+        let TomlValue::Table(root) = &mut self.root.value else { return None };
+        let table = root.iter_mut().find(|entry| entry.key == from[0])?;
+        let TomlValue::Table(keys) = &mut table.node.value else { return None };
+        let at = keys.iter().position(|entry| entry.key == from[1])?;
+        let TomlEntry { key_place, node, .. } = keys.remove(at);
+        if keys.is_empty() {
+            self.remove(from[0]);
+        }
+        self.set(&to.map(str::to_owned), key_place, node).ok()?;
+        Some(key_place)
+    }
+
     /// Removes the top-level key `name`, if it exists.
     pub fn remove(&mut self, name: &str) {
         if let TomlValue::Table(root) = &mut self.root.value {

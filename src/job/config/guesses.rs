@@ -185,6 +185,22 @@ const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
         ],
         &[Key("youngs_modulus_kpa"), Key("gelpad_youngs_modulus_kpa")],
     ),
+    (
+        &[
+            "viscosity",
+            "viscoelastic",
+            "viscoelasticity",
+            "prony",
+            "creep",
+            "relaxation_time_s",
+            "relaxations",
+            "relaxation",
+        ],
+        &[
+            Key("gelpad_relaxation"),
+            Elsewhere("under [gelpad]: relaxation = [{ share = 0.2, time_s = 0.5 }]; in sequences"),
+        ],
+    ),
     (&["poisson", "nu", "poissons_ratio", "poisson_ratio"], &[Key("poisson_ratio"), Key("gelpad_poisson_ratio")]),
     (&["mu", "friction_coefficient", "coefficient_of_friction"], &[Key("friction"), Key("coefficient")]),
     (&["unit_scale", "units", "mesh_unit"], &[Key("unit")]),

@@ -106,6 +106,7 @@ fn split_right_finger(document: &mut Document) -> Option<Document> {
 
 /// Reads a document over the sensor that it names. The second value is false if that sensor cannot be read.
 fn read_with_sensor<T: DeserializeOwned + Default>(document: &mut Document, problems: &mut Diagnostics) -> (T, bool) {
+    move_relaxation(document, problems);
     let sensor_known = merge_sensor_below(document, problems);
     for table in ["markers", "camera"] {
         document.move_table_up("sensor", table);
@@ -114,6 +115,18 @@ fn read_with_sensor<T: DeserializeOwned + Default>(document: &mut Document, prob
     document.random = random;
     let value = reader::read_node(plain.as_ref().unwrap_or(&document.root), problems).unwrap_or_default();
     (value, sensor_known)
+}
+
+/// Moves `[gelpad] relaxation`, which is a short form of `[sensor] gelpad_relaxation`, to its place.
+fn move_relaxation(document: &mut Document, problems: &mut Diagnostics) {
+    let both = document.get("sensor.gelpad_relaxation").is_some();
+    let Some(place) = document.move_key(["gelpad", "relaxation"], ["sensor", "gelpad_relaxation"]) else { return };
+    if both {
+        let problem = Diagnostic::new("the relaxation of the gelpad is given twice")
+            .at(place)
+            .help("keep one of `[gelpad] relaxation` and `[sensor] gelpad_relaxation`: they are the same");
+        problems.push(problem);
+    }
 }
 
 fn apply_override(document: &mut Document, flag: &str, assignment: &str, problems: &mut Diagnostics) {

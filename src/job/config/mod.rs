@@ -109,7 +109,12 @@ impl Job {
 
     /// Returns the sensor of the simulator, without what is in files.
     pub fn sensor_without_files(&self) -> gelsim_core::sensor::Sensor {
-        self.sensor.to_simulator_sensor(self.markers.as_ref(), &self.camera)
+        let mut sensor = self.sensor.to_simulator_sensor(self.markers.as_ref(), &self.camera);
+        // A grip balances elastic fingers.
+        if self.gripper.is_some() {
+            sensor.relaxation.clear();
+        }
+        sensor
     }
 
     /// Formats everything in the job as TOML, with paths as they are.

@@ -17,9 +17,7 @@ use crate::sample::{RejectedSample, Sample};
 use crate::sequence::label::FrameLabel;
 use crate::sequence::motion::{DrawnPhase, ObjectMover, PhaseGoal};
 use crate::sequence::timeline::{PhaseEnd, Timeline};
-use crate::sequence::{
-    AcceptedSequence, ROLLING_PX, SequenceDrawer, SequenceEvent, accept_rendered, build_frame_press,
-};
+use crate::sequence::{AcceptedSequence, SequenceDrawer, SequenceEvent, accept_rendered, build_frame_press};
 use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::rng;
 use gelsim_core::depth::texture::TexturePlacement;
@@ -124,7 +122,7 @@ pub fn render<E>(
     let noise_keys = pair.scenes.each_ref().map(|scene| scene.camera.noise_key);
     let view = pair.simulators[0].view();
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
-    let mover = ObjectMover::new(&object, pair.scenes[0].side, start, about_mm, 0.0, longest_mm / ROLLING_PX);
+    let mover = ObjectMover::new(&object, pair.scenes[0].side, start, about_mm, 0.0, longest_mm, false);
     let uneven = pair.simulators.iter().any(|simulator| simulator.drop_mm().is_some());
     let placements = pair.scenes.each_ref().map(|scene| TexturePlacement::at_pose(&scene.over_plane));
     let mut state =
@@ -151,7 +149,8 @@ pub fn render<E>(
             for (k, steps) in own.iter_mut().enumerate() {
                 let depth_mm = hold.depth_mm[k];
                 let motion = if k == 0 { step.motion } else { mirror_motion(step.motion) };
-                steps.push(ObjectStep { pose: state.finger_pose(k, step.pose, depth_mm), depth_mm, motion });
+                let pose = state.finger_pose(k, step.pose, depth_mm);
+                steps.push(ObjectStep { pose, depth_mm, motion, duration_s: step.duration_s });
             }
             of_frame = GripBalance {
                 depth_mm: hold.depth_mm,

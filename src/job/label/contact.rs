@@ -45,6 +45,10 @@ pub struct ContactLabel {
     /// Normal force of the complete object, in view and beyond, N; null if it is not known.
     #[serde(default)]
     pub total_force_n: Option<f64>,
+    /// Force that the complete object has at least, N: `total_force_n` where that is known, else that of the part that is
+    /// known. Null if the model has no forces, or if a depth frame ends within the contact.
+    #[serde(default)]
+    pub total_force_at_least_n: Option<f64>,
     /// Why one of these forces is null; empty if both are known.
     #[serde(default)]
     pub force_unknown: String,
@@ -138,6 +142,7 @@ impl ContactLabel {
             max_depth_mm: if total.pixels > 0 { f64::from(impression.depth.deepest_mm) } else { 0.0 },
             force_n: contact.force_n,
             total_force_n: contact.total.total_force_n,
+            total_force_at_least_n: contact.total.total_force_at_least_n,
             force_unknown: contact.total.force_unknown.to_owned(),
             cut_by_view: contact.total.cut_by_view,
             in_view_fraction: contact.total.in_view_fraction,

@@ -243,6 +243,7 @@ fn check_pins(check: &mut JobChecker<'_>, sensor: &Sensor, pins: &PinDistributio
     check.require_in_range("sensor.pins.diameter_mm", pins.diameter_mm, 1e-3..=100.0, "mm");
     check.require_in_range("sensor.pins.skin_smoothing_mm", pins.skin_smoothing_mm, 0.0..=100.0, "mm");
     check.require_in_range("sensor.pins.in_plane", pins.in_plane, 0.0..=1.0, "");
+    check.require_in_range("sensor.pins.drag_smoothing_mm", pins.drag_smoothing_mm, 0.0..=100.0, "mm");
     check.require_in_range("sensor.pins.size_jitter", pins.size_jitter, 0.0..=0.5, "");
     check.require_in_range("sensor.pins.place_jitter_mm", pins.place_jitter_mm, 0.0..=10.0, "mm");
     if let Some(mount) = &pins.mount {

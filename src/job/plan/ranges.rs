@@ -13,6 +13,7 @@ use crate::layers::OutputLayer;
 use gelsim_core::camera::lens;
 use gelsim_core::camera::noise::MAX_CORRELATION;
 use gelsim_core::fidelity::Models;
+use gelsim_core::gelpad::elastic::relaxation::RelaxationMode;
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::optics::background::Pattern;
 use gelsim_core::optics::calibrated::Calibrated;
@@ -132,6 +133,10 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
     check.require_in_range("sensor.gelpad_thickness_mm", sensor.gelpad_thickness_mm, 1e-2..=1e3, "mm");
     check.require_in_range("sensor.gelpad_youngs_modulus_kpa", sensor.gelpad_youngs_modulus_kpa, 1e-3..=1e9, "kPa");
     check.require_in_range("sensor.gelpad_poisson_ratio", sensor.gelpad_poisson_ratio, 0.0..=0.4999, "");
+    if let Some(reason) = RelaxationMode::find_error(&sensor.gelpad_relaxation) {
+        let help = "for example relaxation = [{ share = 0.2, time_s = 0.5 }] under [gelpad]";
+        check.report_error("sensor.gelpad_relaxation", reason, help);
+    }
     if sensor.name.is_empty() {
         check.report_error("sensor.name", "the sensor's name is empty", "for example name = \"my-sensor\"");
     }

@@ -72,6 +72,13 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
     for key in ["sensor.gelpad_youngs_modulus_kpa", "sensor.gelpad_poisson_ratio"] {
         note(key, is_elastic, &model, "choose fidelity = \"draft\" or better, or leave it out");
     }
+    let relaxes = job.sequence.is_some() && job.gripper.is_none() && is_elastic;
+    let why = match (&job.sequence, &job.gripper) {
+        (None, _) => "a single press takes no time",
+        (_, Some(_)) => "the fingers of a gripper are elastic",
+        _ => "the gelpad model is not elastic",
+    };
+    note("sensor.gelpad_relaxation", relaxes, why, "leave it out; pads relax in a [sequence] of one sensor");
     let has_texture = job.texture.amplitude_mm.support().1 > 0.0;
     note("texture", has_texture, "its amplitude is 0", "add amplitude_mm = [0.01, 0.05]");
     notes

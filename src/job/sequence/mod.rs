@@ -14,8 +14,8 @@ use gelsim_core::base::rng;
 use gelsim_core::depth::texture::TexturePlacement;
 use gelsim_core::effects::{Effect, PerEffect};
 use gelsim_core::gelpad::elastic::shear::Friction;
+use gelsim_core::gelpad::sliding::ObjectStep;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::Pose;
 use gelsim_core::simulator::Press;
 use gelsim_files::sensor::quantity::Quantity;
 
@@ -24,11 +24,11 @@ pub mod motion;
 pub(crate) mod timeline;
 
 use label::{FrameLabel, SequenceInfo, SequenceLabel};
-use motion::{DrawnPhase, ObjectMover, PhaseGoal};
+use motion::{DrawnPhase, ObjectMover, PartOfPhase, PhaseGoal};
 use timeline::{PhaseEnd, Timeline};
 
 /// In one step the contact rolls at most over one of this many parts of the view's longer side.
-pub(crate) const ROLLING_PX: f64 = 160.0;
+const ROLLING_PX: f64 = 160.0;
 
 /// A sequence that may go into the dataset, and the rejected draws before it.
 pub struct AcceptedSequence<L = SequenceLabel> {
@@ -177,7 +177,8 @@ pub fn render<E>(
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
     let about_mm = drawn.scene.motion.about_mm;
     let object = Arc::clone(&drawn.object);
-    let mover = ObjectMover::new(&object, drawn.scene.side, start, about_mm, 0.0, longest_mm / ROLLING_PX);
+    let relaxes = !simulator.sensor().relaxation.is_empty();
+    let mover = ObjectMover::new(&object, drawn.scene.side, start, about_mm, 0.0, longest_mm, relaxes);
 
     let rate = drawn.frame_rate_hz;
     let phases = std::mem::take(&mut drawn.phases);
@@ -189,8 +190,14 @@ pub fn render<E>(
         let mut clock = ThreadClock::start();
         let press = build_frame_press(plan, &drawn.scene, placement);
         let mut steps = timeline.advance_to_frame(number, |phase, mover| {
-            find_phase_end(phase, mover, simulator.sensor().gelpad.thickness_mm, |pose, depth_mm| {
-                simulator.force_n(&sliding, &press, plane.pose_in_sensor(pose), depth_mm)
+            find_phase_end(phase, mover, simulator.sensor().gelpad.thickness_mm, |at_end, depth_mm| {
+                if relaxes {
+                    let mut steps = steps_through_phase(phase, mover, depth_mm, rate);
+                    steps.iter_mut().for_each(|step| step.pose = plane.pose_in_sensor(step.pose));
+                    simulator.force_after_n(&sliding, &press, &steps)
+                } else {
+                    simulator.force_n(&sliding, &press, plane.pose_in_sensor(at_end.at_depth(depth_mm)), depth_mm)
+                }
             })
         });
         steps.iter_mut().for_each(|step| step.pose = plane.pose_in_sensor(step.pose));
@@ -243,12 +250,32 @@ pub(crate) fn build_frame_press(plan: &Plan, scene: &Scene, placement: TexturePl
     press
 }
 
-/// Returns the depth at the end of a phase. `press_n` returns the force of the object at a pose and depth, N.
+/// Returns the steps through a phase that ends at a depth.
+fn steps_through_phase(
+    phase: &DrawnPhase,
+    mover: &ObjectMover<'_>,
+    depth_mm: f64,
+    frame_rate_hz: f64,
+) -> Vec<ObjectStep> {
+    let (mut mover, mut steps) = (mover.clone(), Vec::new());
+    let parts = motion::count_frames(phase.duration_s, frame_rate_hz);
+    let (from_mm, mut done) = (mover.depth_mm, 0.0);
+    for part in 1..=parts {
+        let way = if part == parts { 1.0 } else { phase.profile.progress_at(part as f64 / parts as f64) };
+        let depth_mm = from_mm + (depth_mm - from_mm) * way;
+        let duration_s = phase.duration_s / parts as f64;
+        mover.advance(phase, PartOfPhase { share: way - done, depth_mm, duration_s }, &mut steps);
+        done = way;
+    }
+    steps
+}
+
+/// Returns the depth at the end of a phase. `press_n` returns the force at a depth, N, of the object where the phase ends.
 fn find_phase_end(
     phase: &DrawnPhase,
     mover: &ObjectMover<'_>,
     thickness_mm: f64,
-    press_n: impl Fn(Pose, f64) -> f64,
+    press_n: impl Fn(&ObjectMover<'_>, f64) -> f64,
 ) -> PhaseEnd {
     let wanted_n = match phase.goal {
         PhaseGoal::Stay => return PhaseEnd::at_depth(mover.depth_mm),
@@ -257,8 +284,9 @@ fn find_phase_end(
     };
     // A force is wanted at the phase's end, so search at the place to which its motion leads.
     let mut at_end = mover.clone();
-    at_end.advance(phase, 1.0, mover.depth_mm, &mut Vec::new());
-    let force_n = |depth_mm: f64| press_n(at_end.at_depth(depth_mm), depth_mm);
+    let whole = PartOfPhase { share: 1.0, depth_mm: mover.depth_mm, duration_s: phase.duration_s };
+    at_end.advance(phase, whole, &mut Vec::new());
+    let force_n = |depth_mm: f64| press_n(&at_end, depth_mm);
     let deepest = MAX_DEPTH_RATIO * thickness_mm;
     let most_n = force_n(deepest);
     if most_n < wanted_n {

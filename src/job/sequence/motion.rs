@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use super::ROLLING_PX;
 use crate::config::sequence::Profile;
 use gelsim_core::base::angle::sin_cos_deg;
 use gelsim_core::gelpad::planar::PlanarMotion;
@@ -15,6 +16,13 @@ const MAX_TURN_DEG: f64 = 5.0;
 /// The greatest share of its depth by which an object is lifted in a step. What slips meanwhile loses its traction on
 /// the way.
 const MAX_FALL: f64 = 0.25;
+
+/// The greatest change of the depth in a step on a pad that relaxes, over the larger depth. The loads are taken to change
+/// at a constant rate in a step.
+const RELAXING_CHANGE: f64 = 0.15;
+
+/// The greatest shift in a step on a pad that relaxes, over the longer side of the view.
+const RELAXING_SHIFT: f64 = 0.02;
 
 /// A phase as it was drawn.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,6 +43,17 @@ pub struct DrawnPhase {
     pub tilt_azimuth_deg: f64,
     /// How the motion proceeds with time.
     pub profile: Profile,
+}
+
+/// A part of a phase.
+#[derive(Clone, Copy, Debug)]
+pub struct PartOfPhase {
+    /// Fraction of the phase's motion.
+    pub share: f64,
+    /// Indentation depth at the end, mm.
+    pub depth_mm: f64,
+    /// Duration, s.
+    pub duration_s: f64,
 }
 
 /// How deep an object is at the end of a phase.
@@ -61,18 +80,23 @@ pub struct ObjectMover<'a> {
     pivot: DVec3,
     /// The greatest tilt of a step, degrees.
     most_tilt_deg: f64,
+    /// True on a pad that relaxes. What it remembers of a step lies where the object was at its end.
+    relaxes: bool,
+    /// The longer side of the view, mm.
+    longest_mm: f64,
 }
 
 impl<'a> ObjectMover<'a> {
-    /// Makes an object at the start of its motion. `about_mm` is the point that the pose places, and `finest_mm` is how
-    /// far the contact may roll in a step.
+    /// Makes an object at the start of its motion. `about_mm` is the point that the pose places, and `longest_mm` the
+    /// longer side of the view.
     pub fn new(
         object: &'a Clusters,
         side: Side,
         pose: Pose,
         about_mm: [f64; 2],
         depth_mm: f64,
-        finest_mm: f64,
+        longest_mm: f64,
+        relaxes: bool,
     ) -> Self {
         let pivot = DVec3::new(about_mm[0], about_mm[1], pose.lowest_mm(object));
         let pivot = pose.rotation.transpose() * (pivot - pose.translation_mm);
@@ -81,8 +105,8 @@ impl<'a> ObjectMover<'a> {
             of(axis).max(of(-axis))
         });
         let radius_mm = reach.into_iter().fold(1e-6, f64::max);
-        let most_tilt_deg = (finest_mm / radius_mm).to_degrees().clamp(0.05, MAX_TURN_DEG);
-        Self { object, side, pose, depth_mm, pivot, most_tilt_deg }
+        let most_tilt_deg = (longest_mm / ROLLING_PX / radius_mm).to_degrees().clamp(0.05, MAX_TURN_DEG);
+        Self { object, side, pose, depth_mm, pivot, most_tilt_deg, relaxes, longest_mm }
     }
 
     /// Returns the position of the point about which the object is twisted, mm.
@@ -96,11 +120,13 @@ impl<'a> ObjectMover<'a> {
         self.pose.lowered(-depth_mm, self.object)
     }
 
-    /// Moves on by the fraction `share` of a phase's motion, to a depth. Appends the steps on the way to `steps`.
-    pub fn advance(&mut self, phase: &DrawnPhase, share: f64, depth_mm: f64, steps: &mut Vec<ObjectStep>) {
+    /// Moves on by a part of a phase. Appends the steps on the way to `steps`.
+    pub fn advance(&mut self, phase: &DrawnPhase, part_of_phase: PartOfPhase, steps: &mut Vec<ObjectStep>) {
+        let PartOfPhase { share, depth_mm, duration_s } = part_of_phase;
         let [twist, tilt] = [phase.twist_deg, phase.tilt_deg].map(|degrees| share * degrees);
         let fall = if self.depth_mm > 0.0 { (self.depth_mm - depth_mm.max(0.0)) / self.depth_mm } else { 0.0 };
         let count = (twist.abs() / MAX_TURN_DEG).max(tilt.abs() / self.most_tilt_deg).max(fall / MAX_FALL);
+        let count = if self.relaxes { count.max(self.count_relaxing_steps(phase, share, depth_mm)) } else { count };
         // The tolerance keeps rounding from adding a step.
         let count = libm::ceil(count - 1e-9).max(1.0) as u32;
         let part = 1.0 / f64::from(count);
@@ -108,8 +134,15 @@ impl<'a> ObjectMover<'a> {
         for step in 1..=count {
             let to_mm = if step == count { depth_mm } else { from_mm + (depth_mm - from_mm) * f64::from(step) * part };
             let shift_mm = phase.shift_mm.map(|mm| share * part * mm);
-            steps.push(self.take_step(shift_mm, part * twist, part * tilt, phase.tilt_azimuth_deg, to_mm));
+            let moved = self.take_step(shift_mm, part * twist, part * tilt, phase.tilt_azimuth_deg, to_mm);
+            steps.push(ObjectStep { duration_s: part * duration_s, ..moved });
         }
+    }
+
+    /// Returns the number of steps into which a motion on a pad that relaxes is divided at least.
+    fn count_relaxing_steps(&self, phase: &DrawnPhase, share: f64, depth_mm: f64) -> f64 {
+        let shift_mm = share.abs() * libm::hypot(phase.shift_mm[0], phase.shift_mm[1]);
+        count_relaxing_steps(self.longest_mm, shift_mm, [self.depth_mm, depth_mm])
     }
 
     fn take_step(
@@ -142,13 +175,21 @@ impl<'a> ObjectMover<'a> {
             self.pose.angles = Pose::from_quaternion(turned.quaternion_xyzw(), [0.0; 3]).angles;
         }
         let motion = PlanarMotion { shift_mm, turn_rad: twist_deg.to_radians(), about_mm };
-        ObjectStep { pose: self.pose, depth_mm, motion }
+        ObjectStep { pose: self.pose, depth_mm, motion, duration_s: 0.0 }
     }
 
     fn rotate_about(&mut self, rotation: DMat3, about_mm: DVec3) {
         self.pose.rotation = rotation * self.pose.rotation;
         self.pose.translation_mm = about_mm + rotation * (self.pose.translation_mm - about_mm);
     }
+}
+
+/// Returns the number of steps into which a motion over a pad that relaxes is divided at least: a shift in a view whose
+/// longer side is `longest_mm`, from one depth to another.
+pub fn count_relaxing_steps(longest_mm: f64, shift_mm: f64, depths_mm: [f64; 2]) -> f64 {
+    let [from_mm, to_mm] = depths_mm.map(|mm| mm.max(0.0));
+    let change = (to_mm - from_mm).abs() / to_mm.max(from_mm).max(1e-9);
+    (shift_mm / (RELAXING_SHIFT * longest_mm)).max(change / RELAXING_CHANGE)
 }
 
 /// Returns the number of frames of a sequence of this length, at least 1.

@@ -1,7 +1,7 @@
 //! Divides the phases of a sequence into its frames.
 
 use super::label::PhaseLabel;
-use super::motion::{DrawnPhase, ObjectMover, count_frames};
+use super::motion::{DrawnPhase, ObjectMover, PartOfPhase, count_frames};
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::ObjectStep;
 
@@ -102,6 +102,7 @@ impl<'a> Timeline<'a> {
         // Rounding must not leave a bit of a phase for the next frame.
         let slack_s = 1e-9 / self.frame_rate_hz;
         let mut steps = Vec::new();
+        let mut now_s = number as f64 / self.frame_rate_hz;
         while self.begin_phase(number, &mut end) {
             let Some(PhaseProgress { phase, end_s, from_mm, to_mm, done_share: done }) = self.under_way else { break };
             let phase = &self.phases[phase];
@@ -114,7 +115,10 @@ impl<'a> Timeline<'a> {
                 let way = phase.profile.progress_at((until_s - start_s) / phase.duration_s);
                 (way, from_mm + (to_mm - from_mm) * way)
             };
-            self.advance_phase(phase, way - done, depth_mm, &mut steps);
+            let goes_until_s = if last { end_s } else { end_s.min(until_s) };
+            let part = PartOfPhase { share: way - done, depth_mm, duration_s: (goes_until_s - now_s).max(0.0) };
+            now_s = goes_until_s;
+            self.advance_phase(phase, part, &mut steps);
             if !ends {
                 self.under_way = self.under_way.take().map(|under_way| PhaseProgress { done_share: way, ..under_way });
                 break;
@@ -127,7 +131,8 @@ impl<'a> Timeline<'a> {
         if steps.is_empty() {
             // All phases are over: the object rests.
             let ObjectMover { pose, depth_mm, .. } = self.mover;
-            steps.push(ObjectStep { pose, depth_mm, motion: PlanarMotion::default() });
+            let duration_s = 1.0 / self.frame_rate_hz;
+            steps.push(ObjectStep { pose, depth_mm, motion: PlanarMotion::default(), duration_s });
         }
         if let Some(phase) = self.labels.last_mut() {
             phase.frames += 1;
@@ -164,15 +169,18 @@ impl<'a> Timeline<'a> {
 
     /// Advances a phase by a fraction of its motion. The first touch is the end of a step, so in a sequence of several
     /// frames that step ends early in its frame.
-    fn advance_phase(&mut self, phase: &DrawnPhase, share: f64, depth_mm: f64, steps: &mut Vec<ObjectStep>) {
+    fn advance_phase(&mut self, phase: &DrawnPhase, part: PartOfPhase, steps: &mut Vec<ObjectStep>) {
+        let PartOfPhase { share, depth_mm, duration_s } = part;
         let mover = &mut self.mover;
         if self.frames == 1 || mover.depth_mm > 0.0 || depth_mm <= 0.0 {
-            mover.advance(phase, share, depth_mm, steps);
+            mover.advance(phase, part, steps);
             return;
         }
         let first_mm = FIRST_TOUCH * depth_mm;
         let touches_at = (first_mm - mover.depth_mm) / (depth_mm - mover.depth_mm);
-        mover.advance(phase, share * touches_at, first_mm, steps);
-        mover.advance(phase, share * (1.0 - touches_at), depth_mm, steps);
+        let before = PartOfPhase { share: share * touches_at, depth_mm: first_mm, duration_s: duration_s * touches_at };
+        mover.advance(phase, before, steps);
+        let after = 1.0 - touches_at;
+        mover.advance(phase, PartOfPhase { share: share * after, depth_mm, duration_s: duration_s * after }, steps);
     }
 }

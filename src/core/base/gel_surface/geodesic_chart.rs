@@ -56,6 +56,14 @@ impl GeodesicChart {
         Self::new(surface, spot, axes_at(normal), reach_mm)
     }
 
+    /// Makes the chart around the point closest to `to_mm`, with x as close as possible to `x`.
+    pub fn with_x_axis(surface: &GelSurface, to_mm: DVec3, x: DVec3, reach_mm: f64) -> Self {
+        let spot = surface.closest_facet_point(to_mm);
+        let (_, normal) = surface.smooth_point(spot);
+        let x = (x - normal * normal.dot(x)).normalize_or(normal.any_orthonormal_vector());
+        Self::new(surface, spot, DMat3::from_cols(x, normal.cross(x), normal), reach_mm)
+    }
+
     fn new(surface: &GelSurface, middle: FacetPoint, axes: DMat3, reach_mm: f64) -> Self {
         let step_mm = reach_mm / STEPS as f64;
         let angle = |ray: usize| TAU * ray as f64 / RAYS as f64;

@@ -39,6 +39,21 @@ pub struct FrameMotion {
     pub turn_rad: f64,
 }
 
+/// What the pad remembers in a step of the loads before it; nothing, if it does not relax.
+#[derive(Clone, Copy)]
+pub struct RelaxedPad<'a> {
+    /// Stiffness of the layer over that of an elastic one.
+    pub stiffness: f64,
+    /// Motion in the pad's plane by the remembered loads, mm, at a point of the frame.
+    pub motion_at: Option<&'a dyn Fn([f64; 2]) -> [f64; 2]>,
+}
+
+impl Default for RelaxedPad<'_> {
+    fn default() -> Self {
+        Self { stiffness: 1.0, motion_at: None }
+    }
+}
+
 /// The pressure of a step.
 pub enum StepPressure<'a> {
     /// The pressure of the step before.
@@ -80,6 +95,7 @@ pub struct ContactForces {
 }
 
 /// The friction state that is carried from step to step.
+#[derive(Clone)]
 pub struct FrictionHistory {
     layer: ElasticLayer,
     /// Coefficient of friction; infinite where nothing slips.
@@ -90,6 +106,7 @@ pub struct FrictionHistory {
 }
 
 /// The fields of a contact, all on the pixels of `grid`.
+#[derive(Clone)]
 struct ContactFields {
     grid: TractionGrid,
     /// The grid with room around it, for effects beyond the contact.
@@ -104,7 +121,7 @@ struct ContactFields {
     /// Where the object holds each point of the pad, mm from its rest position; for points that are not held, where
     /// they are.
     anchors: Grid<[f64; 2]>,
-    /// Motion of each point under the pressure alone, mm.
+    /// Motion of each point under the pressure and the remembered loads, mm.
     pressure_motion: Grid<Vector>,
 }
 
@@ -117,14 +134,24 @@ impl FrictionHistory {
 
     /// Advances the object by one step: the frame moves by `moved`, under a new pressure or the same one.
     pub fn step(&mut self, normal: &StepPressure<'_>, moved: FrameMotion) -> StepOutcome {
+        self.step_on_relaxed_pad(normal, moved, RelaxedPad::default())
+    }
+
+    /// Advances the object by one step on a pad that remembers loads.
+    pub fn step_on_relaxed_pad(
+        &mut self,
+        normal: &StepPressure<'_>,
+        moved: FrameMotion,
+        pad: RelaxedPad<'_>,
+    ) -> StepOutcome {
         match normal {
             StepPressure::NoContact => {
                 // All that the tractions have stored is lost to slip while the object lifts off.
-                let heat = self.contact.take().map_or(0.0, |mut contact| contact.stored_energy());
+                let heat = self.contact.take().map_or(0.0, |mut contact| contact.stored_energy(pad.stiffness));
                 return StepOutcome { heat, ..StepOutcome::default() };
             }
             StepPressure::Unchanged => {}
-            StepPressure::Load(load) => self.grow_contact_box(load),
+            StepPressure::Load(load) => self.grow_contact_box(load, pad),
         }
         let Some(contact) = &mut self.contact else { return StepOutcome::default() };
         let before = match normal {
@@ -134,7 +161,7 @@ impl FrictionHistory {
             }
             _ => None,
         };
-        contact.solve_step(before.as_ref(), self.coefficient, moved, self.tolerance_mm)
+        contact.solve_step(before.as_ref(), self.coefficient, moved, (self.tolerance_mm, pad))
     }
 
     /// Returns force and moment of the last step.
@@ -208,11 +235,12 @@ impl FrictionHistory {
     /// Returns the displacement into the pad by the tractions, mm, over the contact and some thicknesses around it, and
     /// the position of its first pixel in the frame. `None` without tractions.
     pub fn normal_displacement(&mut self) -> Option<(Grid<f32>, [f64; 2])> {
+        // On a pad that remembers loads, it is that on an elastic layer.
         self.contact.as_mut().and_then(ContactFields::normal_displacement)
     }
 
     /// Enlarges the box, if necessary, to the contact of a load with some pixels around it.
-    fn grow_contact_box(&mut self, load: &Load) {
+    fn grow_contact_box(&mut self, load: &Load, pad: RelaxedPad<'_>) {
         let part = bounding_box(&load.pressure, |p| p > 0.0);
         let corner = first_pixel(load.origin_mm, self.mm_per_px);
         let low = [corner[0] + part.x0 as i64, corner[1] + part.y0 as i64];
@@ -273,8 +301,8 @@ impl FrictionHistory {
                 }
             }
             // Outside the old box, the position of the pad follows from the loads on it.
-            next.pressure_motion = next.motion_under_pressure();
-            let moved = next.motion_under_tractions();
+            next.pressure_motion = next.motion_without_tractions(pad);
+            let moved = next.motion_under_tractions(pad.stiffness);
             for (hold, (u, free)) in next.anchors.data.iter_mut().zip(moved.data.iter().zip(&next.pressure_motion.data))
             {
                 *hold = [0, 1].map(|k| f64::from(u[k]) + f64::from(free[k]));
@@ -315,6 +343,14 @@ fn friction_work([first, last]: [Vector; 2], [limit_before, limit]: [f32; 2], sl
     let against = |t: Vector| -(f64::from(t[0]) * slip[0] + f64::from(t[1]) * slip[1]) / length;
     let [low, high] = [limit_before.min(limit), limit_before.max(limit)].map(f64::from);
     if length > 0.0 { 0.5 * length * (against(first).clamp(low, high) + against(last)) } else { 0.0 }
+}
+
+/// Divides motions by the stiffness of the layer over that of an elastic one.
+fn divide_by_stiffness(moved: &mut Grid<Vector>, stiffness: f64) {
+    if stiffness != 1.0 {
+        let share = (1.0 / stiffness) as f32;
+        moved.data.iter_mut().flatten().for_each(|mm| *mm *= share);
+    }
 }
 
 fn is_sticking(traction: Vector, limit: f32) -> bool {
@@ -369,22 +405,35 @@ impl ContactFields {
     }
 
     /// Returns the energy that the tractions have stored, over Young's modulus, mm^3.
-    fn stored_energy(&mut self) -> f64 {
-        let moved = self.motion_under_tractions();
+    fn stored_energy(&mut self, stiffness: f64) -> f64 {
+        let moved = self.motion_under_tractions(stiffness);
         let work = |(t, u): (&Vector, &Vector)| f64::from(t[0]) * f64::from(u[0]) + f64::from(t[1]) * f64::from(u[1]);
         let sum: f64 = self.tractions.data.iter().zip(&moved.data).map(work).sum();
         0.5 * sum * self.pixel_area_mm2()
     }
 
-    /// Computes the motion under the pressure alone.
-    fn motion_under_pressure(&mut self) -> Grid<Vector> {
+    /// Computes the motion under the pressure and the remembered loads.
+    fn motion_without_tractions(&mut self, pad: RelaxedPad<'_>) -> Grid<Vector> {
         self.padded_grid.set_whole_contact(&self.pressure);
-        self.padded_grid.motion_under_pressure()
+        let mut moved = self.padded_grid.motion_under_pressure();
+        divide_by_stiffness(&mut moved, pad.stiffness);
+        if let Some(motion_at) = pad.motion_at {
+            for y in 0..moved.height {
+                for x in 0..moved.width {
+                    let more = motion_at(self.pixel_centre_mm(x, y));
+                    let sum = &mut moved.row_mut(y)[x];
+                    *sum = [0, 1].map(|k| (f64::from(sum[k]) + more[k]) as f32);
+                }
+            }
+        }
+        moved
     }
 
     /// Computes the motion under the tractions alone.
-    fn motion_under_tractions(&mut self) -> Grid<Vector> {
-        self.grid.motion_under_tractions(&self.tractions)
+    fn motion_under_tractions(&mut self, stiffness: f64) -> Grid<Vector> {
+        let mut moved = self.grid.motion_under_tractions(&self.tractions);
+        divide_by_stiffness(&mut moved, stiffness);
+        moved
     }
 
     /// Solves for the tractions of a step. `before` is the pressure of the last step, if it has changed.
@@ -393,10 +442,10 @@ impl ContactFields {
         before: Option<&Grid<f32>>,
         coefficient: f64,
         moved: FrameMotion,
-        tolerance_mm: f64,
+        (tolerance_mm, pad): (f64, RelaxedPad<'_>),
     ) -> StepOutcome {
         // The motion under the pressure is computed again only if the pressure has changed.
-        let free = if before.is_some() { self.motion_under_pressure() } else { self.pressure_motion.clone() };
+        let free = if before.is_some() { self.motion_without_tractions(pad) } else { self.pressure_motion.clone() };
         // The object takes its point at the contact's centre C by R^T m + C - R^T C, and winds up what lies around it.
         let turn = PlanarRotation::new(moved.turn_rad);
         let [centre, mean] = self.mean_anchor(before.unwrap_or(&self.pressure));
@@ -438,14 +487,21 @@ impl ContactFields {
         self.grid.set_whole_contact(&limits);
         let pixels: Vec<[usize; 2]> = self.grid.points.iter().map(|point| point.pixel).collect();
         let bounds: Vec<f32> = self.grid.points.iter().map(|point| point.pressure).collect();
-        let at = |[x, y]: [usize; 2]| wanted.at(x, y).map(|mm| mm as f32);
+        // On a layer of another stiffness, the same tractions belong to displacements in proportion.
+        let at = |[x, y]: [usize; 2]| wanted.at(x, y).map(|mm| (pad.stiffness * mm) as f32);
         let wanted_there: Vec<Vector> = pixels.iter().map(|pixel| at(*pixel)).collect();
         let guess = |&[x, y]: &[usize; 2]| {
             let (t, more) = (self.tractions.at(x, y), self.change.at(x, y));
             [0, 1].map(|k| t[k] + more[k])
         };
         let mut tractions: Vec<Vector> = pixels.iter().map(guess).collect();
-        let solved = coulomb::solve_tractions(&mut self.grid, &bounds, &wanted_there, &mut tractions, tolerance_mm);
+        let solved = coulomb::solve_tractions(
+            &mut self.grid,
+            &bounds,
+            &wanted_there,
+            &mut tractions,
+            pad.stiffness * tolerance_mm,
+        );
 
         let earlier = std::mem::replace(&mut self.tractions, Grid::new(width, height));
         self.change.data.fill([0.0; 2]);
@@ -454,7 +510,7 @@ impl ContactFields {
             self.tractions.row_mut(y)[x] = *t;
             self.change.row_mut(y)[x] = [0, 1].map(|k| t[k] - last[k]);
         }
-        let moved = self.motion_under_tractions();
+        let moved = self.motion_under_tractions(pad.stiffness);
         let mut step = StepOutcome {
             solver: solved,
             touching,

@@ -26,6 +26,15 @@ pub struct Load {
     pub mm_per_px: [f64; 2],
 }
 
+impl Load {
+    /// Returns the corners of the part that presses, in the sensor's frame, mm.
+    pub(crate) fn corners_mm(&self) -> [[f64; 2]; 4] {
+        let Rect { x0, y0, x1, y1 } = bounding_box(&self.pressure, |p| p > 0.0);
+        let at = |px: [usize; 2]| [0, 1].map(|k| self.origin_mm[k] + (px[k] as f64 - 0.5) * self.mm_per_px[k]);
+        [[x0, y0], [x1, y0], [x0, y1], [x1, y1]].map(at)
+    }
+}
+
 /// Tangential tractions on a regular grid.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TractionField {
@@ -137,20 +146,20 @@ impl InPlaneResponse {
         self.crop_to_view(&values)
     }
 
-    /// Computes the displacement under a pressure and under forces over Young's modulus, mm^2, each at a point of the
-    /// sensor's frame. Forces outside the torus are left out.
+    /// Computes the displacement under a pressure and under forces over Young's modulus, mm^2, along x and y and into
+    /// the pad, each at a point of the sensor's frame. Forces outside the torus are left out.
     pub(crate) fn under_load_and_forces(
         &self,
-        load: &Load,
-        forces: impl Iterator<Item = ([f64; 2], [f64; 2])>,
+        load: Option<&Load>,
+        forces: impl Iterator<Item = ([f64; 2], [f64; 3])>,
     ) -> DisplacementField {
         let mut pressed = self.plane.zeros();
-        self.spread_to_torus(&load.pressure, load.origin_mm, load.mm_per_px, pressed.vectors_mut()[0]);
-        self.plane.forward(&mut pressed);
-        pressed.multiply(&self.under_pressure);
+        if let Some(load) = load {
+            self.spread_to_torus(&load.pressure, load.origin_mm, load.mm_per_px, pressed.vectors_mut()[0]);
+        }
         let mut values = self.plane.zeros();
         let [width, height] = self.plane.size();
-        let [x, y] = values.vectors_mut();
+        let ([x, y], [down_into, _]) = (values.vectors_mut(), pressed.vectors_mut());
         let area = self.spacing_mm * self.spacing_mm;
         for (place_mm, force) in forces {
             let place: [f64; 2] = std::array::from_fn(|k| (place_mm[k] - self.origin_mm[k]) / self.spacing_mm);
@@ -165,9 +174,14 @@ impl InPlaneResponse {
                     let share = down * along / area;
                     x[at] += (share * force[0]) as f32;
                     y[at] += (share * force[1]) as f32;
+                    if force[2] != 0.0 {
+                        down_into[at] += (share * force[2]) as f32;
+                    }
                 }
             }
         }
+        self.plane.forward(&mut pressed);
+        pressed.multiply(&self.under_pressure);
         self.plane.forward(&mut values);
         values.apply_response(&self.under_traction);
         values.add(&pressed);
@@ -309,6 +323,13 @@ impl DisplacementField {
     pub fn add(&mut self, other: &Self) {
         for (part, more) in [(&mut self.x, &other.x), (&mut self.y, &other.y)] {
             part.data.iter_mut().zip(&more.data).for_each(|(sum, value)| *sum += value);
+        }
+    }
+
+    /// Subtracts another field of the same [`InPlaneResponse`].
+    pub(crate) fn subtract(&mut self, other: &Self) {
+        for (part, less) in [(&mut self.x, &other.x), (&mut self.y, &other.y)] {
+            part.data.iter_mut().zip(&less.data).for_each(|(rest, value)| *rest -= value);
         }
     }
 }

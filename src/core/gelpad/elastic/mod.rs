@@ -36,6 +36,7 @@ mod outside_window;
 mod partial_pixels;
 pub(super) mod placed;
 pub mod plane_transform;
+pub mod relaxation;
 mod resample;
 pub mod response;
 pub mod shear;
@@ -51,6 +52,7 @@ use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
 use outside_window::OutsideGrids;
 use partial_pixels::{DownsampledObject, PartialPixel};
+use placed::GridPlacement;
 use resample::Interpolation;
 use response::{OperatorBuffers, PressureResponse};
 use shear::Friction;
@@ -211,6 +213,11 @@ impl ElasticPad {
         }
     }
 
+    /// Returns the response of the pad on its own grid.
+    pub(crate) fn response(&self) -> &Arc<PressureResponse> {
+        &self.response
+    }
+
     /// Returns the linear layer.
     pub(super) fn layer(&self) -> ElasticLayer {
         self.layer
@@ -272,7 +279,7 @@ impl ElasticPad {
         let strain = self.correct_if_required(depth);
         let sticks = strain.as_ref().is_some_and(|strain| strain.sticks);
         let drag = if sticks { None } else { self.solve_friction(depth, outside) };
-        let prior = PriorDisplacement { outside, friction: drag.as_ref(), strain: strain.as_ref() };
+        let prior = PriorDisplacement { outside, friction: drag.as_ref(), remembered: None, strain: strain.as_ref() };
         self.press_displaced_pad(depth, prior)
     }
 
@@ -284,10 +291,22 @@ impl ElasticPad {
             Numerics { residual_um: Some(0.0), model_error_um: Ok(0.0), theory: Theory::Linear, ..Numerics::DIRECT };
         let mut contact = no_contact(width, height, Some(0.0), solved);
         if depth.touching.is_empty() && prior.outside.is_none() {
+            if let Some(remembered) = prior.remembered {
+                remembered.add_to(&mut contact.surface, self.surface_placement([width, height]), [0; 2], 1.0);
+                contact.region = Rect::whole(contact.surface.width, contact.surface.height);
+                contact.bulge_mm = contact.surface.largest(|w| -w);
+                contact.finite = contact.surface.data.iter().all(|w| w.is_finite());
+            }
             return contact;
         }
         self.solve_press(depth, prior, &mut contact);
         contact
+    }
+
+    /// Returns where the pixels of the surface around a view lie.
+    fn surface_placement(&self, view_px: [usize; 2]) -> GridPlacement {
+        let first = |k: usize| (0.5 - SURFACE_BORDER as f64 - 0.5 * view_px[k] as f64) * self.mm_per_px[k];
+        GridPlacement { origin_mm: [first(0), first(1)], mm_per_px: self.mm_per_px }
     }
 
     fn solve_press(&self, depth: &Depth, prior: PriorDisplacement<'_>, contact: &mut Contact) {
@@ -314,6 +333,15 @@ impl ElasticPad {
         solution.converged &= prior.friction.is_none_or(|drag| drag.converged);
         if let Some(outside) = prior.outside {
             contact.surface = outside.crop(seen);
+        }
+        if let Some(remembered) = prior.remembered {
+            // A coarse grid that finds no contact leaves the surface as it is.
+            remembered.add_to(
+                &mut contact.surface,
+                self.surface_placement([width, height].map(|px| px - 2 * SURFACE_BORDER)),
+                [0; 2],
+                1.0,
+            );
         }
         contact.bulge_mm = solution.displacement.largest(|w| -w);
         self.fill_contact(&solution, depth, (object, cut), seen, lattice, contact);

@@ -45,6 +45,48 @@ impl PlacedDisplacement {
         f64::from(self.values_mm.largest(f32::abs))
     }
 
+    /// Takes the displacement from a frame whose origin is at `frame_mm`, and whose axes are rotated by `angle_rad`, to
+    /// the frame in which they are.
+    pub fn in_turned_frame(&self, frame_mm: [f64; 2], angle_rad: f64) -> Self {
+        let Self { values_mm, placement: GridPlacement { origin_mm, mm_per_px } } = self;
+        let with_origin =
+            |values_mm, origin_mm| Self { values_mm, placement: GridPlacement { origin_mm, mm_per_px: *mm_per_px } };
+        if angle_rad == 0.0 {
+            return with_origin(values_mm.clone(), [0, 1].map(|k| origin_mm[k] + frame_mm[k]));
+        }
+        let (sin, cos) = libm::sincos(angle_rad);
+        let size = [values_mm.width, values_mm.height];
+        let out = |[x, y]: [f64; 2]| [frame_mm[0] + cos * x - sin * y, frame_mm[1] + sin * x + cos * y];
+        let far = [0, 1].map(|k| origin_mm[k] + (size[k] - 1) as f64 * mm_per_px[k]);
+        let corners = [[0, 0], [0, 1], [1, 0], [1, 1]]
+            .map(|ends: [usize; 2]| out([0, 1].map(|k| if ends[k] == 0 { origin_mm[k] } else { far[k] })));
+        let low = [0, 1].map(|k| corners.iter().map(|corner| corner[k]).fold(f64::INFINITY, f64::min));
+        let high = [0, 1].map(|k| corners.iter().map(|corner| corner[k]).fold(f64::NEG_INFINITY, f64::max));
+        let count = |k: usize| libm::ceil((high[k] - low[k]) / mm_per_px[k]) as usize + 4;
+        // Room for the border that cubic interpolation needs on each side.
+        let first = [0, 1].map(|k| low[k] - 1.5 * mm_per_px[k]);
+        let mut turned = Grid::new(count(0), count(1));
+        for y in 0..turned.height {
+            for (x, value) in turned.row_mut(y).iter_mut().enumerate() {
+                let [dx, dy] = [x, y].map(|at| at as f64);
+                let [dx, dy] = [first[0] + dx * mm_per_px[0] - frame_mm[0], first[1] + dy * mm_per_px[1] - frame_mm[1]];
+                let there = [cos * dx + sin * dy, cos * dy - sin * dx];
+                let place: [f64; 2] = std::array::from_fn(|k| (there[k] - origin_mm[k]) / mm_per_px[k]);
+                if (0..2).all(|k| (1.0..(size[k] - 2) as f64).contains(&place[k])) {
+                    let left = place.map(|at| at as usize);
+                    let [along, across] = [0, 1].map(|k| catmull_rom((place[k] - left[k] as f64) as f32));
+                    *value = (0..4)
+                        .map(|row| {
+                            let four = &values_mm.row(left[1] + row - 1)[left[0] - 1..left[0] + 3];
+                            across[row] * four.iter().zip(along).map(|(value, share)| value * share).sum::<f32>()
+                        })
+                        .sum();
+                }
+            }
+        }
+        with_origin(turned, first)
+    }
+
     /// Adds the displacement, times `factor`, to a grid whose first pixel is pixel `corner` of `placed`; cubic
     /// interpolation (Catmull and Rom 1974).
     pub fn add_to(&self, target: &mut Grid<f32>, placed: GridPlacement, corner: [usize; 2], factor: f32) {

@@ -3,7 +3,7 @@
 use super::friction::FrictionDisplacement;
 use super::lattice::Lattice;
 use super::partial_pixels::PartialPixel;
-use super::placed::GridPlacement;
+use super::placed::{GridPlacement, PlacedDisplacement};
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::{largest_value, simd_dispatch};
 use crate::gelpad::finite_strain::StrainCorrection;
@@ -29,13 +29,15 @@ pub struct PriorDisplacement<'a> {
     pub outside: Option<&'a Grid<f32>>,
     /// Displacement by friction under the object.
     pub friction: Option<&'a FrictionDisplacement>,
+    /// Displacement by loads that the pad remembers.
+    pub remembered: Option<&'a PlacedDisplacement>,
     /// The difference between rubber and a linear layer.
     pub strain: Option<&'a StrainCorrection>,
 }
 
 impl PriorDisplacement<'_> {
     pub(super) fn is_empty(self) -> bool {
-        self.outside.is_none() && self.friction.is_none() && self.strain.is_none()
+        self.outside.is_none() && self.friction.is_none() && self.remembered.is_none() && self.strain.is_none()
     }
 
     /// Adds the displacements, times `factor`, to a grid whose first pixel is pixel `corner` of the solver's grid
@@ -56,6 +58,9 @@ impl PriorDisplacement<'_> {
         }
         if let Some(drag) = self.friction {
             drag.field.add_to(target, placed, corner, factor);
+        }
+        if let Some(remembered) = self.remembered {
+            remembered.add_to(target, placed, corner, factor);
         }
         if let Some(strain) = self.strain {
             strain.displacement.add_to(target, placed, corner, factor);

@@ -17,6 +17,7 @@ const FADE: f64 = 0.3;
 pub(super) type Vector = [f32; 2];
 
 /// The grid of a contact, prepared for tractions. Vectors are lists with one entry for each pixel in contact.
+#[derive(Clone)]
 pub(super) struct TractionGrid {
     pub plane: PlaneTransform,
     pub values: VectorField,
@@ -37,6 +38,7 @@ pub(super) struct TractionGrid {
 }
 
 /// A pixel in contact.
+#[derive(Clone)]
 pub(super) struct ContactPoint {
     pub pixel: [usize; 2],
     pub place_mm: [f64; 2],

@@ -61,6 +61,7 @@ impl Sliding {
                 DVec2::from(there)
             }
         };
+        self.take_memory_to(chart, site);
         self.plane_frame.move_by(motion);
         self.chart_and_site = Some((chart.clone(), site));
 
@@ -78,12 +79,32 @@ impl Sliding {
         })
     }
 
+    /// Moves what the pad remembers to a chart, on which the object is closest at `site`. What lies beyond the chart is
+    /// forgotten.
+    fn take_memory_to(&mut self, chart: &Chart, site: Site) {
+        let Some(memory) = &mut self.memory else { return };
+        if let Some((old, was)) = self.memory_chart.take().filter(|(old, _)| old != chart) {
+            let there = chart.locate_site(was);
+            let frame = transfer_frame(&memory.frame, (&old, old.locate_site(was)), (chart, there));
+            match frame.origin_mm.iter().chain([&frame.angle_rad]).all(|number| number.is_finite()) {
+                true => memory.frame = frame,
+                false => {
+                    memory.clear();
+                    memory.frame = PlanarFrame::default();
+                }
+            }
+        }
+        self.memory_chart = Some((chart.clone(), site));
+    }
+
     /// Finishes a step in which the frame moved by `moved`.
     pub(crate) fn finish_step_on_gel(&mut self, object: &ObjectOnGel<'_>, step: &ObjectStep, moved: FrameMotion) {
+        self.begin_step(step);
         let placed = (step.pose, step.depth_mm);
-        let stays = self
-            .pressed_pose
-            .is_some_and(|(pose, depth_mm)| depth_mm == step.depth_mm && is_same_pose(&pose, &step.pose));
+        let stays = self.memory.is_none()
+            && self
+                .pressed_pose
+                .is_some_and(|(pose, depth_mm)| depth_mm == step.depth_mm && is_same_pose(&pose, &step.pose));
         if !stays {
             self.view_centre_px = self.next_view_centre();
         }
@@ -135,6 +156,13 @@ impl Sliding {
             }
         }
         1e-3 * self.youngs_modulus_kpa * force.length()
+    }
+
+    /// Returns the force of the pressure on the gel after the last step, N.
+    pub(crate) fn pressing_force_on_gel_n(&self) -> f64 {
+        let Some((chart, _)) = &self.chart_and_site else { return 0.0 };
+        let [pressure, _] = self.wrenches_on_gel(chart);
+        DVec3::from_array(pressure.force_n).length()
     }
 
     /// Returns the wrenches of the pressure and of the tractions on the gel, in the sensor's frame about the gel's tip.
