@@ -1,6 +1,7 @@
 //! `gelsim calibrate`: fits a sensor file to presses of a real sensor, takes over published calibrations, and simulates
 //! presses with a fitted sensor.
 
+mod force;
 mod summary;
 
 use gelsim_files::calibration;
@@ -45,7 +46,7 @@ use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
 use gelsim_lab::compare::score::{Score, Scores};
 
-/// Fit the light of a real sensor to presses of a ball, or simulate presses with a sensor that was fitted.
+/// Fit light or gelpad of a real sensor to presses, or simulate presses with a sensor that was fitted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -54,14 +55,18 @@ Example:
   gelsim calibrate --evaluate others.csv --sensor mine.toml --out simulated
   gelsim calibrate --taxim taxim/calib/gelsight --out mine.toml
   gelsim calibrate --gelsight devices/series2_2EF6_4JNW.yaml --out mine.toml
+  gelsim calibrate --force forces.csv --sensor mine.toml --out mine.toml
 
 PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible \
 disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside mine.toml come mine.calibration.json, \
-mine.background.png and mine.html, a page of plots and pictures. In a job: [sensor] file = \"mine.toml\".")]
+mine.background.png and mine.html, a page of plots and pictures. In a job: [sensor] file = \"mine.toml\".
+
+FORCES.csv has a row for each moment of each press: press (its name), ball_radius_mm or punch_radius_mm, depth_mm or \
+contact_radius_mm, force_n, and if they are known time_s, shear_mm, shear_force_n.")]
 pub struct Calibrate {
     /// The table of presses to learn from
-    #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim", "gelsight"])]
-    #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight"], requires = "background")]
+    #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim", "gelsight", "force"])]
+    #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight", "force"], requires = "background")]
     presses: Option<PathBuf>,
     /// Background image: the untouched pad
     #[arg(long, value_name = "BG.png", conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
@@ -72,6 +77,14 @@ pub struct Calibrate {
     /// Take over a calibration that GelSight publishes: the YAML file of a device, beside its flat field as PNG
     #[arg(long, value_name = "DEVICE.yaml", conflicts_with_all = ["evaluate", "taxim", "detect", "drop_bad", "contact_over_disc"])]
     gelsight: Option<PathBuf>,
+    /// Fit Young's modulus, relaxation and friction of the gelpad to presses with measured forces
+    #[arg(long, value_name = "FORCES.csv")]
+    #[arg(conflicts_with_all = ["background", "taxim", "gelsight", "evaluate", "leds", "surfaces", "detect"])]
+    #[arg(conflicts_with_all = ["match_background", "contact_over_disc", "steps"])]
+    force: Option<PathBuf>,
+    /// With --force: the zero of depth_mm is not known; fit one offset for the whole table
+    #[arg(long, requires = "force")]
+    fit_zero: bool,
     /// Simulate the presses of this table from circle and ball alone, and say how far they are from the images
     #[arg(long, value_name = "PRESSES.csv", requires = "sensor")]
     evaluate: Option<PathBuf>,
@@ -192,9 +205,15 @@ impl Calibrate {
             }
         }
         let start = match &self.sensor {
-            Some(name) => standalone::load_flat_sensor(name, FLAT_ONLY)?.written,
+            Some(name) => {
+                let flat_only = if self.force.is_some() { force::FLAT_ONLY } else { FLAT_ONLY };
+                standalone::load_flat_sensor(name, flat_only)?.written
+            }
             None => Sensor::default(),
         };
+        if let Some(presses) = &self.force {
+            return self.fit_forces(presses, start);
+        }
         match (&self.presses, &self.background, &self.taxim, &self.gelsight) {
             (Some(presses), Some(background), ..) => self.fit_presses(presses, background, start),
             (_, _, Some(folder), _) => self.import_taxim(folder, start),

@@ -15,6 +15,7 @@ mod effects;
 mod fidelity;
 mod finalize;
 mod finite_strain;
+mod forces;
 mod formats;
 mod gel_mesh;
 mod gelsight;

@@ -235,6 +235,7 @@ def presses(folder):
     (folder / "presses.toml").write_text(re.sub(r"(?m)^\s+", "", job))
     subprocess.run(["gelsim", "generate", "presses.toml", "--quiet"], cwd=folder, check=True)
     tables = {"presses.csv": ("press", []), "others.csv": ("others", [])}
+    forces = {"presses.csv": [], "others.csv": []}
     with tarfile.open(folder / "out/presses/data/train-000000.tar") as tar:
         members = {name: tar.extractfile(name).read() for name in tar.getnames()}
     for index in range(12):
@@ -248,11 +249,16 @@ def presses(folder):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(members[f"{key}.tactile.png"])
         rows.append([name, *circle, 4.0, pitch])
+        depth = label["indentation_depth_mm"]
+        forces["presses.csv" if index < 8 else "others.csv"].append([name, 4.0, depth, contact["total_force_n"]])
     (folder / "untouched.png").write_bytes(members["000000000.reference.png"])
     names = ["file", "centre_x_px", "centre_y_px", "radius_px", "ball_radius_mm", "mm_per_px"]
-    for table, (_, rows) in tables.items():
+    with_forces = {"forces.csv": forces["presses.csv"], "other-forces.csv": forces["others.csv"]}
+    named = {table: [names, *rows] for table, (_, rows) in tables.items()}
+    named |= {table: [["file", "ball_radius_mm", "depth_mm", "force_n"], *rows] for table, rows in with_forces.items()}
+    for table, rows in named.items():
         text = io.StringIO()
-        csv.writer(text).writerows([names, *rows])
+        csv.writer(text).writerows(rows)
         (folder / table).write_text(text.getvalue())
 
 

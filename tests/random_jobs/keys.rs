@@ -113,6 +113,7 @@ pub const KEYS: &[Key] = &[
     ("sensor.field_of_view_mm", [&["", "", "[60.0, 45.0]"], &["[<0.5..100>, <0.5..100>]"], &[]]),
     ("sensor.gelpad_thickness_mm", [&[], &["2.0"], &[]]),
     ("sensor.gelpad_poisson_ratio", [&[], &["<~0..0.4999>"], &[]]),
+    ("sensor.gelpad_friction_coefficient", [&[], &["<0..10>"], &["0.0", "10.0"]]),
     ("sensor.gelpad_youngs_modulus_kpa", [&[], &["<~1e-3..1e9>"], &["1e-3", "1e9"]]),
     ("sensor.darkening", [&[], &["", "<~0..1>"], &["0.0", "1.0"]]),
     (

@@ -70,6 +70,9 @@ pub struct Sensor {
     /// How the gelpad relaxes in sequences; none by default.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub gelpad_relaxation: Vec<RelaxationMode>,
+    /// Coefficient of friction of the gelpad, 0 to 10: the default of `[sequence] friction`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gelpad_friction_coefficient: Option<f64>,
     /// A real image of the untouched pad, relative to the file this stands in; without it the sensor renders its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub background: Option<String>,
@@ -216,6 +219,7 @@ impl Default for Sensor {
             gelpad_youngs_modulus_kpa: 145.0,
             gelpad_poisson_ratio: 0.48,
             gelpad_relaxation: Vec::new(),
+            gelpad_friction_coefficient: None,
             background: None,
             background_sha256: None,
             calibration: None,

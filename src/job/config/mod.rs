@@ -33,12 +33,14 @@ use gelsim_files::input;
 use gelsim_files::mesh::Format;
 use gelsim_files::sensor::camera::CameraDistribution;
 use gelsim_files::sensor::markers::MarkerDistribution;
+use gelsim_files::sensor::quantity::Quantity;
 use gelsim_files::sensor::random::SensorDistribution;
 use gelsim_files::sensor::{self, Sensor};
 use gelsim_files::spelling::quote_for_shell;
 pub use guesses::{format_integer, guess_choice, is_guess_at, suggest_choice};
 use merge::merge_document;
 pub use merge::{MergedDocument, read_merged};
+use sequence::SequenceFriction;
 
 /// A job. Keys that are left out have the default that is named with each.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
@@ -157,8 +159,15 @@ impl Job {
     }
 }
 
+/// Gives a sequence the friction of its sensor's gelpad, if that is known.
+fn fill_friction_from_sensor(job: &mut Job) {
+    if let (Some(sequence), Some(coefficient)) = (&mut job.sequence, job.sensor.gelpad_friction_coefficient) {
+        sequence.friction = SequenceFriction::Coefficient(Quantity::Constant(coefficient));
+    }
+}
+
 /// Iterates over the paths of all files that a sensor names, without the backgrounds of which each sample gets one.
-fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String> {
+pub fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String> {
     let shape = match &mut sensor.rest_shape {
         Some(sensor::RestShape::HeightMap(map)) => Some(&mut map.path),
         _ => None,
@@ -332,6 +341,10 @@ fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &
         gripper.right = Some(Box::new(right.sensor_with_camera()));
         gripper.right_random = right.random.clone();
     }
-    let others = others.into_iter().map(|preset| other(&job, preset)).collect();
+    let mut others: Vec<(Job, Document)> = others.into_iter().map(|preset| other(&job, preset)).collect();
+    if document.get("sequence.friction").is_none() {
+        let jobs = others.iter_mut().map(|(job, _)| job);
+        jobs.chain([&mut job]).for_each(fill_friction_from_sensor);
+    }
     ParsedJob { job, document, broken, sensor_known, other_presets: others, right_finger: right }
 }

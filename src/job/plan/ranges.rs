@@ -137,6 +137,9 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
         let help = "for example relaxation = [{ share = 0.2, time_s = 0.5 }] under [gelpad]";
         check.report_error("sensor.gelpad_relaxation", reason, help);
     }
+    if let Some(coefficient) = sensor.gelpad_friction_coefficient {
+        check.require_in_range("sensor.gelpad_friction_coefficient", coefficient, 0.0..=10.0, "");
+    }
     if sensor.name.is_empty() {
         check.report_error("sensor.name", "the sensor's name is empty", "for example name = \"my-sensor\"");
     }

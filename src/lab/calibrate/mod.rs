@@ -25,6 +25,7 @@ pub mod choose;
 pub mod detect;
 pub mod dots;
 pub mod evaluate;
+pub mod force;
 pub mod gelsight;
 pub mod geometry;
 pub mod judge;

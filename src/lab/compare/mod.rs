@@ -18,6 +18,7 @@ use gelsim_files::image_file;
 
 pub mod counterparts;
 pub mod distribution;
+pub mod force;
 pub mod images;
 pub mod pairs;
 pub mod picture;
