@@ -118,7 +118,7 @@ fn the_sheet_of_effects_has_a_row_for_each_that_a_job_calls_for() {
     // Deformation, supersampling, shading, shadows, darkening, vignette, noise.
     let row = 36 + 18 + 6;
     assert_eq!(picture(&folder, "effects.png").dimensions(), (3 * (196 + 6) + 6, 18 + 6 + 7 * row));
-    let left_out = "texture, rest_shape, friction, finite_strain, shear, grain, mirror, bounce, markers, defocus, distortion, speckle, exposure";
+    let left_out = "texture, rest_shape, friction, relaxation, finite_strain, shear, grain, mirror, bounce, markers, defocus, distortion, speckle, exposure";
     assert!(said.contains(&format!("note: samples 0 to 7: not enabled: {left_out}\n")), "{said}");
     assert_eq!(folder.files("").len(), 4, "only the picture was written");
 }
@@ -163,14 +163,14 @@ fn a_sheet_of_effects_needs_a_job_that_has_some() {
 }
 
 #[test]
-fn the_bundled_job_of_effects_calls_for_every_effect_but_finite_strain() {
+fn the_bundled_job_of_effects_calls_for_every_effect_but_finite_strain_and_relaxation() {
     let folder = Folder::new();
     let job = repository().join("configs/effects.toml");
     let said = folder
         .succeed(&format!("preview {} --effects --out effects.png --set sensor.resolution_px=[64,48]", job.display()));
-    // Its pad has Coulomb friction, which finite strain does not know.
-    assert_eq!(said, "note: samples 0 to 23: not enabled: finite_strain\n");
-    let rows = gelsim_core::effects::Effect::ALL.len() as u32 - 1;
+    // Its pad has Coulomb friction, which finite strain does not know, and single presses take no time.
+    assert_eq!(said, "note: samples 0 to 23: not enabled: relaxation, finite_strain\n");
+    let rows = gelsim_core::effects::Effect::ALL.len() as u32 - 2;
     assert_eq!(picture(&folder, "effects.png").height(), 18 + 6 + rows * (48 + 18 + 6));
 }
 

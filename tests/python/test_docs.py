@@ -63,6 +63,10 @@ ELSEWHERE = {
     "cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none TARGET": ("a nightly compiler", ".ci/run"),
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/evidence/transfer.md"),
+    "GELSIM_REAL_DATA=FOLDER python -m pytest -s tests/python/test_real_forces.py": (
+        "pictures that are not part of this project",
+        "docs/evidence/forces.md",
+    ),
     "python tests/transfer/light.py FOLDER": ("pixels that a test traces for minutes", ".ci/run"),
     "python tests/bench/others.py GELSIM": ("numpy, OpenCV and 400 MB", "tests/bench/figures.py"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/python/test_install.py"),

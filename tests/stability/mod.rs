@@ -55,9 +55,10 @@ fn every_effect_is_on_in_the_dressed_samples() {
         let plan = Case::new("dressed", "").depth(1.0).plan(dress).expect("a plain job");
         let label = gelsim_job::sample::render(&plan, 0).label;
         let off: Vec<_> = label.effects.iter().filter(|(_, note)| !note.ran).map(|(effect, _)| effect.name()).collect();
-        // Friction while pressing and finite strain are choices of the gelpad's model, which a case leaves to the level.
+        // Friction while pressing and finite strain are choices of the gelpad's model, which a case leaves to the level. Pads relax
+        // in sequences.
         // So are near LEDs a choice of the light's.
-        let of_model = ["friction", "finite_strain", "mirror", "bounce"];
+        let of_model = ["friction", "relaxation", "finite_strain", "mirror", "bounce"];
         let of_camera: &[&str] = if dress == Dress::Still { &["speckle", "noise"] } else { &[] };
         assert_eq!(off, [&of_model[..], of_camera].concat(), "{dress:?}");
     }
