@@ -322,6 +322,18 @@ def test_copies_step_each_their_sequence_in_threads(slider, cylinder, slides):
             same(ours.sample(), theirs.sample())
 
 
+def test_a_pad_that_relaxes_holds_with_less_force_the_longer_it_is_held(cylinder):
+    relaxation = {"gelpad.relaxation": [{"share": 0.3, "time_s": 0.5}]}
+    simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set=relaxation)
+    forces = []
+    for duration_s in (0.0, 0.0, 0.5, 100.0):
+        press = simulator.step(cylinder, gelsim.Pose(0.5), duration_s=duration_s)
+        forces.append(-press.wrench[2])
+    assert np.allclose(np.divide(forces, forces[0]), [1, 1, 1 - 0.3 * (1 - np.exp(-1)), 0.7], atol=2e-3), forces
+    for bad in (-1.0, float("nan"), float("inf")):
+        refusal(gelsim.UsageError, lambda bad=bad: simulator.step(cylinder, gelsim.Pose(0.5), duration_s=bad))
+
+
 def test_a_step_that_cannot_be_leaves_the_sequence_as_it_is(slider, cylinder, slides):
     slider.reset(friction=0.2)
     for number in range(8):

@@ -72,7 +72,9 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
     for key in ["sensor.gelpad_youngs_modulus_kpa", "sensor.gelpad_poisson_ratio"] {
         note(key, is_elastic, &model, "choose fidelity = \"draft\" or better, or leave it out");
     }
-    let relaxes = job.sequence.is_some() && job.gripper.is_none() && is_elastic;
+    // Frames of a simulator, which come without objects, may follow each other.
+    let follows = job.sequence.is_some() || document.get("object").is_none();
+    let relaxes = follows && job.gripper.is_none() && is_elastic;
     let why = match (&job.sequence, &job.gripper) {
         (None, _) => "a single press takes no time",
         (_, Some(_)) => "the fingers of a gripper are elastic",

@@ -43,7 +43,7 @@ NAMES = {
     "_sensor_of_source": {"source": "source|sensor|preset|read", **ASSIGNED},
     "Simulator": {**PARTS, "resolution_px": "resolution_px", "flow": "flow"},
     "simulator.press": {"indenter": INDENTER, "pose": "pose", **SURFACE, **MATERIAL, **DRAWN},
-    "simulator.step": {"indenter": INDENTER, "pose": "pose", "texture": "texture"},
+    "simulator.step": {"indenter": INDENTER, "pose": "pose", "texture": "texture", "duration_s": "duration_s"},
     "simulator.reset": {"friction": "friction", **DRAWN},
     "impression.sample": {"layers": "layers|layer"},
     "Mesh": {"vertices_mm": "vertices_mm", "faces": "faces", "name": "name"},
