@@ -2,6 +2,7 @@
 //! presses with a fitted sensor.
 
 mod force;
+mod published;
 mod summary;
 
 use gelsim_files::calibration;
@@ -22,7 +23,7 @@ use super::progress::bar::Bar;
 use super::store::local_path_parser;
 use super::{Failure, check_thread_count, print_result, print_to_stderr, threads_failure};
 use gelsim_core::fidelity::Fidelity;
-use gelsim_core::optics::calibrated::{CalibrationColors, CalibrationTable};
+use gelsim_core::optics::calibrated::CalibrationTable;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::hash::sha256;
@@ -32,7 +33,6 @@ use gelsim_files::write::write_output;
 use gelsim_job::plan::standalone;
 use gelsim_lab::calibrate::camera::{MeasuredCamera, measure_camera};
 use gelsim_lab::calibrate::evaluate::{EvaluatedPress, Evaluation, EvaluationOptions, evaluate_presses, picture_name};
-use gelsim_lab::calibrate::gelsight::{self, FitResidual};
 use gelsim_lab::calibrate::judge::{self, Findings, background, fit, scale};
 use gelsim_lab::calibrate::leds::FittedLeds;
 use gelsim_lab::calibrate::outliers::OutlierReason;
@@ -41,7 +41,6 @@ use gelsim_lab::calibrate::run::{
     Calibration, CalibrationError, CalibrationRequest, LedCalibration, calibrate_leds, calibrate_with_progress,
     find_outliers,
 };
-use gelsim_lab::calibrate::taxim::{TaximImport, import_taxim_folder};
 use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
 use gelsim_lab::compare::score::{Score, Scores};
@@ -393,84 +392,6 @@ impl Calibrate {
         Ok(())
     }
 
-    /// Writes the sensor file of a calibration of Taxim's.
-    fn import_taxim(&self, folder: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let TaximImport { name, resolution_px, field_of_view_mm, background, colors } = import_taxim_folder(folder)?;
-        let thickness_mm = self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm);
-        let sensor = Sensor { resolution_px, field_of_view_mm, gelpad_thickness_mm: thickness_mm, ..sensor };
-        let about = [(String::from("colours"), format!("Taxim's of {name}"))];
-        let (sensor, table) =
-            (self.with_own_name(sensor), CalibrationTable::new(CalibrationColors::Taxim(colors), 1.0));
-        let longer_px = f64::from(resolution_px[0].max(resolution_px[1]));
-        let mm_per_px = field_of_view_mm[0] / f64::from(resolution_px[0]);
-        let mut findings = Findings::default();
-        findings.extend(scale::judge_view("`pixmm` in params.json", longer_px, mm_per_px));
-        self.report_findings(findings)?;
-        check_representable(&sensor, Some(&table))?;
-        self.write_sensor(sensor, &background, Some(&table), &about, None)?;
-        self.report_written(&self.out.display().to_string());
-        Ok(())
-    }
-
-    /// Writes the sensor file of a calibration that GelSight publishes.
-    fn import_lamps(&self, device: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let gelsight::GelsightImport { name, resolution_px, field_of_view_mm, lamps, flat_field } =
-            gelsight::import_gelsight_yaml(device)?;
-        let mut about = vec![(String::from("lamps"), format!("GelSight's of {name}"))];
-        match flat_field {
-            Err(reason) => {
-                let message = format!("{reason}: the flat field is taken as even, and images lack the vignetting");
-                let help = "put the PNG that is published beside the YAML file there, and calibrate again";
-                self.log().print_notes(&Diagnostic::warning(message).help(help).into());
-            }
-            Ok(fitted) => about.extend(lamps.iter().zip(fitted).map(|(lamp, FitResidual { rms, most })| {
-                let left = format!("{rms:.2} grey levels RMS left by the polynomial, {most:.1} at most");
-                (format!("flat field of lamp {}", lamp.name), left)
-            })),
-        }
-        about.push((
-            String::from("gelpad"),
-            String::from("not in the calibration: thickness (--thickness-mm) and stiffness (--sensor) are nominal"),
-        ));
-        let sensor = Sensor {
-            name: self.sensor_name(),
-            preset: None,
-            file: None,
-            resolution_px,
-            field_of_view_mm,
-            gelpad_thickness_mm: self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm),
-            background: None,
-            background_sha256: None,
-            calibration: None,
-            calibration_sha256: None,
-            darkening: 0.0,
-            stray_light: None,
-            light_residual: None,
-            led: Vec::new(),
-            lamp: Vec::new(),
-            unit: None,
-            ..sensor
-        };
-        let mut findings = Findings::default();
-        let longer_px = f64::from(resolution_px[0].max(resolution_px[1]));
-        let mm_per_px = field_of_view_mm[0] / f64::from(resolution_px[0]);
-        findings.extend(scale::judge_view("`mmperpixel`", longer_px, mm_per_px));
-        findings.extend(gelsight::check_darkness(&lamps));
-        self.report_findings(findings)?;
-        check_representable(&Sensor { lamp: lamps.clone(), ..sensor.clone() }, None)?;
-        let internal = |error: toml::ser::Error| Failure::runtime(error.to_string());
-        let mut table = toml::Table::try_from(&sensor).map_err(internal)?;
-        // Lamps describe the untouched pad themselves, so a rendered background has no meaning.
-        table.remove("rendered_background");
-        let text = toml::to_string(&table).map_err(internal)?;
-        let text = format!("{}\n{text}{}", format_header(&about), gelsight::format_lamp_tables(&lamps));
-        self.create_parent_folder()?;
-        write_file(&self.out, text.as_bytes())?;
-        print_result(&format_lines(&about))?;
-        self.report_written(&self.out.display().to_string());
-        Ok(())
-    }
-
     /// Creates the folder of the sensor file.
     fn create_parent_folder(&self) -> Result<(), Failure> {
         match self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -521,7 +442,7 @@ impl Calibrate {
             calibration_sha256: table.as_deref().map(sha256),
             ..sensor
         };
-        let text = toml::to_string(&sensor).map_err(|error| Failure::runtime(error.to_string()))?;
+        let text = format_sensor(&sensor, false)?;
         self.create_parent_folder()?;
         write_file(&background_path, &picture)?;
         if let Some(table) = &table {
@@ -684,6 +605,18 @@ fn with_camera(sensor: Sensor, found: Option<&MeasuredCamera>) -> Sensor {
     let Some(found) = found else { return sensor };
     let camera = found.to_distribution(sensor.camera.unwrap_or_default());
     Sensor { camera: Some(camera), ..sensor }
+}
+
+/// Formats the keys of a sensor file. Lamps describe the untouched pad themselves, so that a rendered background has no
+/// meaning beside them.
+fn format_sensor(sensor: &Sensor, has_lamps: bool) -> Result<String, Failure> {
+    let internal = |error: toml::ser::Error| Failure::runtime(error.to_string());
+    if !has_lamps {
+        return toml::to_string(sensor).map_err(internal);
+    }
+    let mut keys = toml::Table::try_from(sensor).map_err(internal)?;
+    keys.remove("rendered_background");
+    toml::to_string(&keys).map_err(internal)
 }
 
 /// Formats the comment at the head of a sensor file.

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord};
 
-use crate::diagnostic::{Diagnostic, Diagnostics, Report};
+use crate::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use crate::foreign;
 use crate::source::{SourceSpan, SourceText};
 
 /// One record of a CSV file.
@@ -58,6 +59,11 @@ pub fn iter_rows(text: &str) -> impl Iterator<Item = TableRow<'_>> {
 pub fn row_place(text: &str, start: usize) -> SourceSpan {
     let length = text[start..].find('\n').unwrap_or(text.len() - start);
     SourceSpan { source: 0, start, end: start + length }
+}
+
+/// Returns the place of the line number `line`, counted from 1.
+pub fn line_place(text: &str, line: u64) -> SourceSpan {
+    row_place(text, text.split_inclusive('\n').take(line.saturating_sub(1) as usize).map(str::len).sum())
 }
 
 /// Returns the place of the cell number `index` of the record that begins at `start`, its quotes included.
@@ -148,6 +154,21 @@ pub fn decode_source(path: &Path, bytes: &[u8]) -> Result<SourceText, Report> {
             Err(Report::new(&problems, &[SourceText { name, text, folder }]))
         }
     }
+}
+
+/// Decodes a table as [`decode_source`] does. A file of another kind is refused by its kind.
+pub fn decode_user_table(path: &Path, bytes: &[u8]) -> Result<SourceText, Report> {
+    // An empty file has a message of its own.
+    if let Some(foreign) = foreign::identify_foreign_file(bytes).filter(|_| !bytes.is_empty()) {
+        let message = format!("{} is no table: it is {}", path.display(), foreign.what);
+        let help = if foreign.what.contains("ZIP") {
+            "a spreadsheet (.xlsx, .ods) is such an archive: save it as CSV in UTF-8, and name that file"
+        } else {
+            foreign.help
+        };
+        return Err(user_error(message, help));
+    }
+    decode_source(path, bytes)
 }
 
 /// Makes the message for a table that is not UTF-8, from the bytes before the first wrong one and the text that is

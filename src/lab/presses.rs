@@ -6,13 +6,13 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use gelsim_files::csv_table::{self, TableRow, cell_place, row_place};
+use gelsim_files::csv_table::{self, TableRow, cell_place, line_place, row_place};
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::input;
 use gelsim_files::source::SourceText;
 use gelsim_files::spelling::find_nearest_name;
 use gelsim_files::spelling::join_alternatives;
-use gelsim_files::{foreign, input};
 
 /// Largest size of a table, bytes.
 const MAX_BYTES: u64 = 16 << 20;
@@ -63,9 +63,7 @@ impl PressTable {
     /// Returns a mistake in the row on `line` that was found later, to be collected and shown by
     /// [`PressTable::report`].
     pub fn row_problem(&self, line: u64, message: impl Into<String>) -> Diagnostic {
-        let before: usize =
-            self.source.text.split_inclusive('\n').take(line.saturating_sub(1) as usize).map(str::len).sum();
-        Diagnostic::new(message).at(row_place(&self.source.text, before))
+        Diagnostic::new(message).at(line_place(&self.source.text, line))
     }
 
     /// Returns true if the table has the column.
@@ -102,17 +100,7 @@ pub fn read(path: &Path) -> Result<PressTable, Report> {
 
 /// Reads a table from the bytes of the file `path`.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<PressTable, Report> {
-    // An empty file has a message of its own.
-    if let Some(foreign) = foreign::identify_foreign_file(bytes).filter(|_| !bytes.is_empty()) {
-        let message = format!("{} is no table: it is {}", path.display(), foreign.what);
-        let help = if foreign.what.contains("ZIP") {
-            "a spreadsheet (.xlsx, .ods) is such an archive: save it as CSV in UTF-8, and name that file"
-        } else {
-            foreign.help
-        };
-        return Err(user_error(message, help));
-    }
-    let source = csv_table::decode_source(path, bytes)?;
+    let source = csv_table::decode_user_table(path, bytes)?;
     let mut problems = Diagnostics::default();
     let (presses, layout) = parse_presses(&source, &mut problems);
     match (layout, problems.is_empty()) {

@@ -111,8 +111,9 @@ def presses(sensor: gelsim.Sensor) -> None:
     other.reset(friction=0.4, index=1, seed=5)
     states: list[Optional[str]] = []
     for number in range(4):
-        step = simulator.step(mesh, gelsim.Pose(0.5, x_mm=0.3 * number), texture=gelsim.Texture("noise"))
-        again = other.step(mesh, gelsim.Pose(0.5, x_mm=0.3 * number), texture=gelsim.Texture("noise"))
+        pose = gelsim.Pose(0.5, x_mm=0.3 * number)
+        step = simulator.step(mesh, pose, texture=gelsim.Texture("noise"), duration_s=0.1)
+        again = other.step(mesh, pose, texture=gelsim.Texture("noise"), duration_s=0.1)
         assert step.frame == number and np.array_equal(step.image, again.image) and step.slip is not None
         states.append(step.slip_state)
     assert states[0] == "none" and states[-1] == "gross", states

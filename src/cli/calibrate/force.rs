@@ -5,7 +5,9 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use super::summary::format_lines;
-use super::{Calibrate, build_report, check_representable, file_name, format_header, path_failure, write_file};
+use super::{
+    Calibrate, build_report, check_representable, file_name, format_header, format_sensor, path_failure, write_file,
+};
 use crate::{Failure, print_result};
 use gelsim_files::diagnostic::{Diagnostic, Severity, user_error};
 use gelsim_files::sensor::{PRESETS, Sensor};
@@ -26,22 +28,20 @@ pub(super) const FLAT_ONLY: [&str; 2] = [
 impl Calibrate {
     /// Fits the gelpad to the presses of a table, and writes the sensor file, its summary and page.
     pub(super) fn fit_forces(&self, path: &Path, sensor: Sensor) -> Result<(), Failure> {
-        let mut table = table::read(path)?;
         let sensor = Sensor { gelpad_thickness_mm: self.thickness_mm.unwrap_or(sensor.gelpad_thickness_mm), ..sensor };
-        let mut motions = Motions::new(&table, sensor.gelpad_material());
+        let mut motions = Motions::new(&table::read(path)?, sensor.gelpad_material());
         let mut said = self.report_findings(judge::judge_presses(&motions, self.fit_zero))?;
         let mut fitted = fit::fit(&motions, self.fit_zero);
         let outliers: BTreeSet<String> = judge::find_outliers(&fitted).into_iter().map(|(name, _)| name).collect();
         if self.drop_bad && !outliers.is_empty() {
             said.extend(self.report_findings(judge::judge_fit(&motions, &fitted))?);
-            table.presses.retain(|press| !outliers.contains(&press.name));
+            motions.motions.retain(|motion| !outliers.contains(&motion.name));
             let mut left_out = Findings::default();
             left_out.extend(outliers.iter().map(|name| {
                 Diagnostic::warning(format!("press `{name}` left out"))
                     .about(format!("`{name}`"), "presses are left out, for the reasons above")
             }));
             said.extend(self.report_findings(left_out)?);
-            motions = Motions::new(&table, sensor.gelpad_material());
             fitted = fit::fit(&motions, self.fit_zero);
         }
         let slides = friction::fit(&motions, fitted.solution.zero_mm);
@@ -93,15 +93,7 @@ impl Calibrate {
         self.move_paths(&mut sensor)?;
         let summary = report::summarise(motions, fitted, slides);
         let warnings = build_report(said.to_vec()).messages_with_help();
-        let internal = |error: toml::ser::Error| Failure::runtime(error.to_string());
-        let text = if sensor.lamp.is_empty() {
-            toml::to_string(&sensor).map_err(internal)?
-        } else {
-            // Lamps describe the untouched pad themselves, so a rendered background has no meaning.
-            let mut keys = toml::Table::try_from(&sensor).map_err(internal)?;
-            keys.remove("rendered_background");
-            toml::to_string(&keys).map_err(internal)?
-        };
+        let text = format_sensor(&sensor, !sensor.lamp.is_empty())?;
         let [json_path, page_path] = ["force.json", "force.html"].map(|end| self.out.with_extension(end));
         self.create_parent_folder()?;
         write_file(&json_path, &report::to_json(motions, fitted, slides, &warnings))?;

@@ -36,7 +36,7 @@ use material::Material;
 use mean_blur::MeanBlur;
 use no_deformation::NoDeformation;
 use object_material::ObjectMaterial;
-use sliding::CarriedLoads;
+use sliding::{CarriedLoads, PadMemory};
 use subpixel::Subpixel;
 use tangential::TangentialMotion;
 use total_contact::{OutsideWindow, TotalContact};
@@ -282,12 +282,12 @@ pub fn deform_pad(
 ) -> Contact {
     let clear = depth.touching.is_empty() && outside.is_none_or(|outside| outside.displacement.is_none());
     let remembered = carried.and_then(|carried| carried.remembered.as_ref());
-    let relaxation = match (pad, carried.map(|carried| carried.relaxes)) {
+    let relaxation = match (pad, carried.map(|carried| carried.memory)) {
         (Pad::None | Pad::MeanBlur(_) | Pad::Gaussian(_), _) => Requirement::Absent("the gelpad model knows none"),
         (_, None) => Requirement::Absent("a single press takes no time"),
-        (_, Some(None)) => Requirement::Absent("the pad does not relax"),
-        (_, Some(Some(false))) => Requirement::Unneeded("nothing has loaded the pad"),
-        (_, Some(Some(true))) => Requirement::Needed("loads on the pad relax with time"),
+        (_, Some(PadMemory::Elastic)) => Requirement::Absent("the pad does not relax"),
+        (_, Some(PadMemory::Blank)) => Requirement::Unneeded("nothing has loaded the pad"),
+        (_, Some(PadMemory::Loaded)) => Requirement::Needed("loads on the pad relax with time"),
     };
     effects.enable(Effect::Relaxation, relaxation);
     let need = match pad {

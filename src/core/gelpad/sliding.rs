@@ -13,7 +13,7 @@ use super::elastic::friction_history::{
 };
 use super::elastic::in_plane::{DisplacementField, InPlaneResponse, Load};
 use super::elastic::layer::ElasticLayer;
-use super::elastic::placed::{GridPlacement, PlacedDisplacement};
+use super::elastic::placed::{GridPlacement, PlacedDisplacement, interpolate_bilinear};
 use super::elastic::relaxation::{RelaxationMode, StressMemory};
 use super::elastic::shear::Friction;
 use super::elastic::{self, Elastic, PriorDisplacement};
@@ -125,6 +125,17 @@ pub struct Slip {
     pub converged: bool,
 }
 
+/// What a pad remembers of earlier loads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PadMemory {
+    /// The pad is elastic and remembers nothing.
+    Elastic,
+    /// Nothing has loaded it.
+    Blank,
+    /// Some load relaxes.
+    Loaded,
+}
+
 /// What the loads on a pad before a frame's press do to it.
 #[derive(Clone, Debug)]
 pub struct CarriedLoads {
@@ -132,8 +143,8 @@ pub struct CarriedLoads {
     pub friction: Option<FrictionDisplacement>,
     /// Displacement by the loads that the pad remembers; `None` if it is negligible.
     pub remembered: Option<PlacedDisplacement>,
-    /// Whether any load relaxes; `None` on a pad that does not relax.
-    pub relaxes: Option<bool>,
+    /// What the pad remembers.
+    pub memory: PadMemory,
     /// Stiffness of the pad in the last step over that of an elastic one.
     pub stiffness: f64,
 }
@@ -389,12 +400,10 @@ impl Sliding {
         mut captured: impl FnMut(depth::CaptureWindow) -> Depth,
     ) -> (Option<Load>, bool) {
         let mut window = self.pad.capture_window(depth_mm);
+        let memory = self.memory.as_ref();
+        let remembered = memory.and_then(|memory| memory.down_in_frame(&self.frame, middle_mm));
         loop {
             let depth = captured(window);
-            let remembered = self
-                .memory
-                .as_ref()
-                .and_then(|memory| memory.down_in_frame(&self.frame.axes(), self.frame.angle_rad, middle_mm));
             let mut contact = match &remembered {
                 None => self.pad.press(&depth),
                 Some(down) => {
@@ -402,7 +411,7 @@ impl Sliding {
                     self.pad.press_displaced_pad(&depth, prior)
                 }
             };
-            if let (Some(load), Some(memory)) = (&mut contact.load, &self.memory) {
+            if let (Some(load), Some(memory)) = (&mut contact.load, memory) {
                 load.pressure.data.iter_mut().for_each(|p| *p *= memory.stiffness() as f32);
             }
             match self.pad.higher_window(window, &contact) {
@@ -540,13 +549,16 @@ impl Sliding {
         CarriedLoads {
             friction: by_tractions.filter(|drag| drag.largest_mm() >= unseen_mm),
             remembered: self.memory.as_mut().and_then(|memory| memory.displacement(unseen_mm)),
-            relaxes: self.memory.as_ref().map(|memory| !memory.is_blank() || self.pressed_pose.is_some()),
+            memory: match &self.memory {
+                None => PadMemory::Elastic,
+                Some(memory) if memory.is_blank() && self.pressed_pose.is_none() => PadMemory::Blank,
+                Some(_) => PadMemory::Loaded,
+            },
             stiffness,
         }
     }
 
-    /// Computes the motion of the pad in its plane under a pressure and the tractions.
-    /// `None` if nothing loads the pad.
+    /// Computes the motion of the pad in its plane under a pressure and the tractions; `None` if nothing loads the pad.
     pub(crate) fn displacement_field(
         &self,
         in_plane: &InPlaneResponse,
@@ -629,25 +641,4 @@ impl Slip {
 
 fn is_same_pose(a: &Pose, b: &Pose) -> bool {
     a.rotation.abs_diff_eq(b.rotation, POSE_TOLERANCE) && a.translation_mm.abs_diff_eq(b.translation_mm, POSE_TOLERANCE)
-}
-
-/// Interpolates bilinearly; outside the grid its border is continued. Where values differ by more than `jump`, returns
-/// the nearest value.
-fn interpolate_bilinear(grid: &Grid<f32>, at: [f64; 2], jump: f32) -> f32 {
-    let axis = |k: usize, count: usize| {
-        let at = at[k].clamp(0.0, (count - 1) as f64);
-        let first = (at as usize).min(count.saturating_sub(2));
-        (first, (at - first as f64) as f32)
-    };
-    let ((x, t), (y, s)) = (axis(0, grid.width), axis(1, grid.height));
-    let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
-    let value = |(x, y): (usize, usize)| grid.at(x.min(grid.width - 1), y.min(grid.height - 1));
-    let values = corners.map(value);
-    let [lowest, highest] = [f32::min, f32::max].map(|of| values.into_iter().fold(values[0], of));
-    if highest.is_infinite() || highest - lowest > jump {
-        return value((x + usize::from(t > 0.5), y + usize::from(s > 0.5)));
-    }
-    let line = |y: usize| grid.at(x, y) + t * (grid.at((x + 1).min(grid.width - 1), y) - grid.at(x, y));
-    let (upper, lower) = (line(y), line((y + 1).min(grid.height - 1)));
-    upper + s * (lower - upper)
 }

@@ -21,6 +21,7 @@ pub mod random;
 mod reader;
 pub mod scene;
 pub mod sequence;
+mod synonyms;
 mod syntax_help;
 pub mod texture;
 

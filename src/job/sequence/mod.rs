@@ -257,17 +257,9 @@ fn steps_through_phase(
     depth_mm: f64,
     frame_rate_hz: f64,
 ) -> Vec<ObjectStep> {
-    let (mut mover, mut steps) = (mover.clone(), Vec::new());
-    let parts = motion::count_frames(phase.duration_s, frame_rate_hz);
-    let (from_mm, mut done) = (mover.depth_mm, 0.0);
-    for part in 1..=parts {
-        let way = if part == parts { 1.0 } else { phase.profile.progress_at(part as f64 / parts as f64) };
-        let depth_mm = from_mm + (depth_mm - from_mm) * way;
-        let duration_s = phase.duration_s / parts as f64;
-        mover.advance(phase, PartOfPhase { share: way - done, depth_mm, duration_s }, &mut steps);
-        done = way;
-    }
-    steps
+    let mut timeline = Timeline::new(std::slice::from_ref(phase), frame_rate_hz, mover.clone());
+    let frames = 0..timeline.frame_count();
+    frames.flat_map(|frame| timeline.advance_to_frame(frame, |_, _| PhaseEnd::at_depth(depth_mm))).collect()
 }
 
 /// Returns the depth at the end of a phase. `press_n` returns the force at a depth, N, of the object where the phase ends.

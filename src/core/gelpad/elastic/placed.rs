@@ -133,3 +133,24 @@ impl PlacedDisplacement {
         (first, taps.collect())
     }
 }
+
+/// Interpolates bilinearly; outside the grid its border is continued. Where values differ by more than `jump`, returns
+/// the nearest value.
+pub(crate) fn interpolate_bilinear(grid: &Grid<f32>, at: [f64; 2], jump: f32) -> f32 {
+    let axis = |k: usize, count: usize| {
+        let at = at[k].clamp(0.0, (count - 1) as f64);
+        let first = (at as usize).min(count.saturating_sub(2));
+        (first, (at - first as f64) as f32)
+    };
+    let ((x, t), (y, s)) = (axis(0, grid.width), axis(1, grid.height));
+    let corners = [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)];
+    let value = |(x, y): (usize, usize)| grid.at(x.min(grid.width - 1), y.min(grid.height - 1));
+    let values = corners.map(value);
+    let [lowest, highest] = [f32::min, f32::max].map(|of| values.into_iter().fold(values[0], of));
+    if highest.is_infinite() || highest - lowest > jump {
+        return value((x + usize::from(t > 0.5), y + usize::from(s > 0.5)));
+    }
+    let line = |y: usize| grid.at(x, y) + t * (grid.at((x + 1).min(grid.width - 1), y) - grid.at(x, y));
+    let (upper, lower) = (line(y), line((y + 1).min(grid.height - 1)));
+    upper + s * (lower - upper)
+}

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::friction_history::FrictionHistory;
 use super::layer::ElasticLayer;
-use super::placed::{GridPlacement, PlacedDisplacement};
+use super::placed::{GridPlacement, PlacedDisplacement, interpolate_bilinear};
 use super::response::{OperatorBuffers, PressureResponse};
 use super::traction_grid::{TractionGrid, Vector};
 use crate::base::grid::{Grid, Rect, bounding_box};
@@ -114,7 +114,8 @@ struct MemoryStep {
 
 /// Motion of the pad in its own plane by the remembered loads, in the memory's frame.
 pub(crate) struct RememberedMotion {
-    values: Grid<Vector>,
+    /// Along x and y, mm.
+    components: [Grid<f32>; 2],
     placement: GridPlacement,
     frame: FrameAxes,
 }
@@ -123,8 +124,10 @@ impl RememberedMotion {
     /// Returns the motion at a point of the frame `at`, along its axes, mm.
     pub fn at(&self, at: &FrameAxes, place_mm: [f64; 2]) -> [f64; 2] {
         let place = self.frame.to_frame(at.to_sensor(place_mm));
-        let moved = interpolate(&self.values, self.placement, place);
-        at.direction_to_frame(self.frame.direction_to_sensor(moved.map(f64::from)))
+        let GridPlacement { origin_mm, mm_per_px } = self.placement;
+        let px = [0, 1].map(|k| (place[k] - origin_mm[k]) / mm_per_px[k]);
+        let moved = self.components.each_ref().map(|part| f64::from(interpolate_bilinear(part, px, f32::INFINITY)));
+        at.direction_to_frame(self.frame.direction_to_sensor(moved))
     }
 }
 
@@ -209,13 +212,13 @@ impl StressMemory {
         Some(PlacedDisplacement { values_mm, placement: self.placement_of([target.x0, target.y0]) })
     }
 
-    /// Returns the displacement into the pad by the remembered pressure, in a frame whose origin is moved by
-    /// `origin_mm`; `None` if nothing is remembered.
-    pub fn down_in_frame(&self, frame: &FrameAxes, angle_rad: f64, origin_mm: [f64; 2]) -> Option<PlacedDisplacement> {
+    /// Returns the displacement into the pad by the remembered pressure, in a frame from its point `origin_mm`; `None` if
+    /// nothing is remembered.
+    pub fn down_in_frame(&self, frame: &PlanarFrame, origin_mm: [f64; 2]) -> Option<PlacedDisplacement> {
         let down = self.step.down.as_ref()?;
-        let at = frame.to_frame(self.frame.origin_mm);
+        let at = frame.axes().to_frame(self.frame.origin_mm);
         let at = [0, 1].map(|k| at[k] - origin_mm[k]);
-        Some(down.in_turned_frame(at, self.frame.angle_rad - angle_rad))
+        Some(down.in_turned_frame(at, self.frame.angle_rad - frame.angle_rad))
     }
 
     /// Computes the displacement into the pad by all remembered loads, in the pad's plane; `None` if it is below
@@ -251,7 +254,7 @@ impl StressMemory {
         let part = self.step.part;
         let (corner, grid, tractions) = self.loaded_grid(wanted);
         let mut pressure = Grid::new(grid.size[0], grid.size[1]);
-        let mut values = grid.motion_under_tractions(&tractions);
+        let values = grid.motion_under_tractions(&tractions);
         let (placement, lasting) = (self.placement_at(corner.map(|at| at as f64)), &self.step.lasting);
         for y in 0..part.height() {
             let row = &mut pressure.row_mut(part.y0 - corner[1] + y)[part.x0 - corner[0]..];
@@ -260,10 +263,12 @@ impl StressMemory {
         let Some((_, grid)) = &mut self.traction_grid else { return None };
         grid.set_whole_contact(&pressure);
         let pushed = grid.motion_under_pressure();
-        for (sum, more) in values.data.iter_mut().zip(&pushed.data) {
-            *sum = [sum[0] + more[0], sum[1] + more[1]];
-        }
-        Some(RememberedMotion { values, placement, frame: own })
+        let components = [0, 1].map(|k| Grid {
+            width: pushed.width,
+            height: pushed.height,
+            data: values.data.iter().zip(&pushed.data).map(|(dragged, pushed)| dragged[k] + pushed[k]).collect(),
+        });
+        Some(RememberedMotion { components, placement, frame: own })
     }
 
     /// Returns the grid for tractions over the remembered loads and `wanted`, its first pixel, and the remembered
@@ -434,20 +439,4 @@ fn interpolate_inside<const N: usize>(
         let line = |dy: f64| (1.0 - along) * value(0.0, dy) + along * value(1.0, dy);
         (1.0 - across) * line(0.0) + across * line(1.0)
     }))
-}
-
-/// Interpolates vectors bilinearly at a point; outside the grid its border is continued.
-fn interpolate(values: &Grid<Vector>, placed: GridPlacement, place_mm: [f64; 2]) -> Vector {
-    let size = [values.width, values.height];
-    let taps: [(usize, f32); 2] = std::array::from_fn(|k| {
-        let place = ((place_mm[k] - placed.origin_mm[k]) / placed.mm_per_px[k]).clamp(0.0, (size[k] - 1) as f64);
-        let (first, share) = linear_tap(place);
-        (first as usize, share)
-    });
-    let [(x, along), (y, across)] = taps;
-    let (right, below) = ((x + 1).min(size[0] - 1), (y + 1).min(size[1] - 1));
-    [0, 1].map(|k| {
-        let line = |y: usize| (1.0 - along) * values.at(x, y)[k] + along * values.at(right, y)[k];
-        (1.0 - across) * line(y) + across * line(below)
-    })
 }

@@ -6,6 +6,7 @@
 //! smallest that predicts presses which were left out. Standard errors are those of a jackknife over presses: rows of
 //! one press share its errors.
 
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::motion::{History, Motion, Motions};
@@ -226,37 +227,29 @@ impl Gram {
         (best.0, best.1.max(0.0))
     }
 
-    /// Solves the normal equations of some columns by Cholesky's method. `None` if they depend on each other.
+    /// Solves the normal equations of some columns. `None` if they depend on each other.
     fn solve_columns(&self, used: &[usize]) -> Option<[f64; MAX_MODES + 1]> {
-        let n = used.len();
-        let mut lower = [[0.0; MAX_MODES + 1]; MAX_MODES + 1];
-        for i in 0..n {
-            for j in 0..=i {
-                let sum: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
-                let left = self.products[used[i]][used[j]] - sum;
-                if i == j {
-                    let whole = self.products[used[i]][used[i]];
-                    if left.is_nan() || left <= 1e-10 * whole || whole <= 0.0 {
-                        return None;
-                    }
-                    lower[i][i] = left.sqrt();
-                } else {
-                    lower[i][j] = left / lower[j][j];
-                }
-            }
+        let products = DMatrix::from_fn(used.len(), used.len(), |j, k| self.products[used[j]][used[k]]);
+        let factors = products.clone().cholesky()?;
+        let lower = factors.l_dirty();
+        // What the columns before it leave of a column.
+        if (0..used.len()).any(|k| lower[(k, k)] * lower[(k, k)] <= 1e-10 * products[(k, k)]) {
+            return None;
         }
-        let mut found = [0.0; MAX_MODES + 1];
-        for i in 0..n {
-            let sum: f64 = (0..i).map(|k| lower[i][k] * found[k]).sum();
-            found[i] = (self.with_force[used[i]] - sum) / lower[i][i];
-        }
-        for i in (0..n).rev() {
-            let sum: f64 = (i + 1..n).map(|k| lower[k][i] * found[k]).sum();
-            found[i] = (found[i] - sum) / lower[i][i];
-        }
+        let found = factors.solve(&DVector::from_fn(used.len(), |k, _| self.with_force[used[k]]));
         let mut placed = [0.0; MAX_MODES + 1];
-        used.iter().zip(found).for_each(|(k, value)| placed[*k] = value);
+        used.iter().zip(&found).for_each(|(k, value)| placed[*k] = *value);
         placed.iter().all(|value| value.is_finite()).then_some(placed)
+    }
+
+    fn merge(&mut self, other: &Self) {
+        for j in 0..=MAX_MODES {
+            for k in 0..=MAX_MODES {
+                self.products[j][k] += other.products[j][k];
+            }
+            self.with_force[j] += other.with_force[j];
+        }
+        self.force_square += other.force_square;
     }
 }
 
@@ -503,18 +496,6 @@ impl<'a> FitSession<'a> {
             presses: presses.collect(),
             solution: fits.whole,
         }
-    }
-}
-
-impl Gram {
-    fn merge(&mut self, other: &Self) {
-        for j in 0..=MAX_MODES {
-            for k in 0..=MAX_MODES {
-                self.products[j][k] += other.products[j][k];
-            }
-            self.with_force[j] += other.with_force[j];
-        }
-        self.force_square += other.force_square;
     }
 }
 

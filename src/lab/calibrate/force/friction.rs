@@ -7,6 +7,7 @@
 
 use super::fit::jackknife;
 use super::motion::Motions;
+use super::simplex::minimise;
 
 /// Largest coefficient that is searched for.
 const MOST: f64 = 20.0;
@@ -162,14 +163,8 @@ fn fit_coefficient(slides: &[&Slide]) -> f64 {
     let at = |k: usize| LEAST * libm::pow(ratio, k as f64);
     let errors: Vec<f64> = (0..=STEPS).map(|k| error(at(k))).collect();
     let best = (0..=STEPS).min_by(|a, b| errors[*a].total_cmp(&errors[*b])).unwrap_or_default();
-    // The golden section of the two steps around the best one.
-    let (mut low, mut high) = (at(best.saturating_sub(1)), at((best + 1).min(STEPS)));
-    const SECTION: f64 = 0.618_033_988_749_894_9;
-    for _ in 0..50 {
-        let (a, b) = (high - SECTION * (high - low), low + SECTION * (high - low));
-        if error(a) <= error(b) { high = b } else { low = a }
-    }
-    0.5 * (low + high)
+    minimise(vec![at(best)], &[at(best) * (ratio - 1.0)], |coefficient| error(coefficient[0].clamp(LEAST, MOST)))[0]
+        .clamp(LEAST, MOST)
 }
 
 /// Returns the coefficient of motions without displacements whose ratio of forces stays constant at its largest.

@@ -7,11 +7,11 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::contact_curve::ForceIndenter;
-use gelsim_files::csv_table::{self, TableRow, row_place};
+use gelsim_files::csv_table::{self, TableRow, line_place, row_place};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_files::input;
 use gelsim_files::source::SourceText;
 use gelsim_files::spelling::{find_nearest_name, join_alternatives};
-use gelsim_files::{foreign, input};
 
 /// Largest size of a table, bytes.
 const MAX_BYTES: u64 = 64 << 20;
@@ -175,17 +175,7 @@ pub fn read(path: &Path) -> Result<ForceTable, Report> {
 
 /// Reads a table from the bytes of the file `path`.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<ForceTable, Report> {
-    // An empty file has a message of its own.
-    if let Some(foreign) = foreign::identify_foreign_file(bytes).filter(|_| !bytes.is_empty()) {
-        let message = format!("{} is no table: it is {}", path.display(), foreign.what);
-        let help = if foreign.what.contains("ZIP") {
-            "a spreadsheet (.xlsx, .ods) is such an archive: save it as CSV in UTF-8, and name that file"
-        } else {
-            foreign.help
-        };
-        return Err(user_error(message, help));
-    }
-    let source = csv_table::decode_source(path, bytes)?;
+    let source = csv_table::decode_user_table(path, bytes)?;
     let mut problems = Diagnostics::default();
     let read = parse_source(&source, &mut problems);
     match read.filter(|_| problems.is_empty()) {
@@ -283,10 +273,8 @@ fn check_signs(presses: &[ForcePress], text: &str, problems: &mut Diagnostics) {
     for press in presses {
         let largest = press.rows.iter().map(|row| row.force_n.abs()).fold(0.0, f64::max);
         for row in press.rows.iter().filter(|row| row.force_n < -NOISE_SHARE * largest) {
-            let before: usize =
-                text.split_inclusive('\n').take(row.line.saturating_sub(1) as usize).map(str::len).sum();
             let message = format!("`force_n` is {}; it is above 0 where the indenter is pressed", row.force_n);
-            let problem = Diagnostic::new(message).at(row_place(text, before));
+            let problem = Diagnostic::new(message).at(line_place(text, row.line));
             let help = "turn the sign of the column, or remove the rows in which the indenter is pulled";
             problems.push(problem.about(format!("line {}", row.line), "rows have a force below 0").help(help));
             if problems.is_full() {
