@@ -25,12 +25,8 @@ pub fn solved(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
 }
 
 /// Pressures for E = 1 and displacements that fulfil the conditions of contact to 1e-12 mm at all pixels: the set of
-/// those in contact is guessed, solved for, and mended until nothing is left to mend.
-pub fn dense_contact(penetration: &Grid<f64>, response: impl Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
-    dense_contact_on_springs(penetration, &vec![0.0; penetration.data.len()], response)
-}
-
-/// The same where each pixel gives way by its own number of mm under pressure 1, beside what the pad does.
+/// those in contact is guessed, solved for, and mended until nothing is left to mend. Each pixel gives way by its own number of
+/// mm under pressure 1, beside what the pad does.
 pub fn dense_contact_on_springs(
     penetration: &Grid<f64>,
     springs: &[f64],

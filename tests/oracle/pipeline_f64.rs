@@ -14,8 +14,8 @@ use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_job::plan::Plan;
 use gelsim_job::scene::Scene;
 
-use super::cut_pixels::cut;
-use super::dense_contact::{dense_contact, dense_contact_on_springs};
+use super::cut_pixels::{cut, edges};
+use super::dense_contact::dense_contact_on_springs;
 use super::pressed_pixel::pressed_pixel;
 use super::scenery::Scenery;
 use super::shading::brightness;
@@ -70,33 +70,37 @@ pub fn lags(layer: ElasticLayer, pitch: f64, size: [usize; 2]) -> Grid<f64> {
 const GAUSS: [(f64, f64); 3] =
     [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];
 
-/// The surface that an elastic pad takes, mm; `lags` is its response.
-pub fn pressed(penetration: &Grid<f64>, lags: &Grid<f64>) -> Grid<f64> {
-    let (_, displacement) = dense_contact(penetration, |x, y| lags.at(x, y));
+/// The surface that an elastic pad takes, mm, on pixels of `pitch` mm; `lags` is its response.
+pub fn pressed(penetration: &Grid<f64>, lags: &Grid<f64>, pitch: f64) -> Grid<f64> {
+    let springs = edges(penetration, pitch, lags);
+    let (pressure, mut displacement) = dense_contact_on_springs(penetration, &springs, |x, y| lags.at(x, y));
+    // On the object, the pad is where the object is.
+    let touching = displacement.iter_mut().zip(&pressure).zip(&penetration.data).filter(|((_, p), _)| **p > 0.0);
+    touching.for_each(|((w, _), g)| *w = *g);
     Grid { data: displacement, ..*penetration }
 }
 
 /// Pressure for Young's modulus 1 on squares of `factor` pixels of the window, pixels of `pitch` mm; `lags` is the
 /// response of these squares.
 pub fn pressure_on_squares(penetration: &Grid<f64>, factor: usize, lags: &Grid<f64>, pitch: f64) -> Grid<f64> {
-    let (mut coarse, mut cuts) = cut(penetration, factor, pitch, lags.at(0, 0));
-    let mut springs = vec![0.0; coarse.data.len()];
-    cuts.iter().for_each(|cut| springs[cut.at] = cut.compliance);
-    loop {
-        let (pressure, _) = dense_contact_on_springs(&coarse, &springs, |x, y| lags.at(x, y));
-        let count = cuts.len();
-        cuts.retain(|cut| {
-            let stops = pressure[cut.at] * cut.compliance > cut.most;
-            if stops {
-                coarse.data[cut.at] -= cut.most;
-                springs[cut.at] = 0.0;
+    let (coarse, cuts) = cut(penetration, factor, pitch, lags);
+    let mut stopped = vec![false; cuts.len()];
+    for _ in 0..100 {
+        let (mut object, mut springs) = (coarse.clone(), vec![0.0; coarse.data.len()]);
+        for (cut, stopped) in cuts.iter().zip(&stopped) {
+            match stopped {
+                true => object.data[cut.at] -= cut.most,
+                false => springs[cut.at] = cut.compliance,
             }
-            !stops
-        });
-        if cuts.len() == count {
+        }
+        let (pressure, _) = dense_contact_on_springs(&object, &springs, |x, y| lags.at(x, y));
+        let now: Vec<bool> = cuts.iter().map(|cut| pressure[cut.at] * cut.compliance > cut.most).collect();
+        if now == stopped {
             return Grid { data: pressure, ..coarse };
         }
+        stopped = now;
     }
+    panic!("pixels that stop were not found")
 }
 
 /// Five means over 15 x 15 px of the depth, and the object where it lies deeper, mm.

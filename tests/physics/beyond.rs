@@ -172,7 +172,7 @@ fn bundled_objects_across_the_border_press_as_captured_whole() {
                     (0..3).for_each(|k| worst[k] = worst[k].max(own[k].abs()));
                 }
                 let name = format!("nu {nu}, h {thickness_mm}, {} at place {k}: {:?}", path.display(), both[1]);
-                assert!(both[1][0].abs() < 0.02 && both[1][1].abs() < 0.05, "{name}");
+                assert!(both[1][0].abs() < 0.02 && both[1][1].abs() < 0.06, "{name}");
                 assert!(both[1][2] < 0.1 * both[0][2] + 0.6, "{name}, cut {}", both[0][2]);
             }
         }

@@ -8,7 +8,8 @@ use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::Elastic;
 
 use super::rig::{NOTHING, Named, OBJECTS, RESOLUTIONS, Rig, Setup};
-use crate::oracle::dense_contact::dense_contact;
+use crate::oracle::cut_pixels::edges;
+use crate::oracle::dense_contact::dense_contact_on_springs;
 use crate::oracle::pressed_pixel::pressed_pixel;
 use crate::shapes::Random;
 
@@ -35,10 +36,12 @@ fn presses_agree_with_a_dense_solution_in_f64() {
         };
         // What 32-bit numbers allow where the pad is stiff: a rounding of 3e-8 mm in w is 1e-5 of the pressure.
         let rig = setup.solved(Resolution::Full, 0.01).rig();
-        let place = |at: usize| (at as f64 + 0.5 - 8.0) * 0.25;
+        // Around the view there is no object.
+        const SIZE: usize = 18;
+        let place = |at: usize| (at as f64 + 0.5 - 9.0) * 0.25;
         // Of square pixels (x, y) is (y, x).
-        let mut lags = Grid::new(16, 16);
-        for y in 0..16 {
+        let mut lags = Grid::new(SIZE, SIZE);
+        for y in 0..SIZE {
             for x in 0..=y {
                 let lag = pressed_pixel(setup.layer(), [0.25; 2], x as f64 * 0.25, y as f64 * 0.25);
                 lags.row_mut(y)[x] = lag;
@@ -46,17 +49,22 @@ fn presses_agree_with_a_dense_solution_in_f64() {
             }
         }
         for (name, object) in SMALL {
-            let mut penetration = Grid::new(16, 16);
+            let object = |x: f64, y: f64| if x.abs().max(y.abs()) < 2.0 { object(x, y) } else { NOTHING };
+            let mut penetration = Grid::new(SIZE, SIZE);
             for (at, g) in penetration.data.iter_mut().enumerate() {
                 // As the press gets it.
-                *g = f64::from(object(place(at % 16), place(at / 16)).clamp(-thickness_mm, thickness_mm) as f32);
+                *g = f64::from(object(place(at % SIZE), place(at / SIZE)).clamp(-thickness_mm, thickness_mm) as f32);
             }
-            let (pressure, displacement) = dense_contact(&penetration, |x, y| lags.at(x, y));
-            let contact = rig.press(|x, y| if x.abs().max(y.abs()) < 2.0 { object(x, y) } else { NOTHING });
+            let springs = edges(&penetration, 0.25, &lags);
+            let (pressure, mut displacement) = dense_contact_on_springs(&penetration, &springs, |x, y| lags.at(x, y));
+            for (at, w) in displacement.iter_mut().enumerate().filter(|(at, _)| pressure[*at] > 0.0) {
+                *w = penetration.data[at];
+            }
+            let contact = rig.press(object);
             let highest = pressure.iter().fold(0.0_f64, |max, p| max.max(*p));
             let found = contact.pressure.as_ref().expect("pressures");
-            for at in 0..256 {
-                let (x, y) = (at % 16, at / 16);
+            for (x, y) in (0..256).map(|at| (at % 16, at / 16)) {
+                let at = (y + 1) * SIZE + x + 1;
                 let p = f64::from(found.at(x, y)) / setup.youngs_modulus_kpa;
                 let w = f64::from(contact.surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER));
                 worst[0] = worst[0].max((p - pressure[at]).abs() / highest);
@@ -89,6 +97,15 @@ fn residual(rig: &Rig, depth: &Depth, contact: &Contact) -> f64 {
     let youngs_modulus_kpa = rig.setup.youngs_modulus_kpa;
     let [columns, rows] = solved_on(rig, depth);
     let kernel = rig.pad.kernel();
+    let wide = |grid: &Grid<f32>| Grid {
+        width: grid.width,
+        height: grid.height,
+        data: grid.data.iter().map(|value| f64::from(*value)).collect(),
+    };
+    let springs = match columns.len() == depth.penetration.width {
+        true => edges(&wide(&depth.penetration), rig.setup.mm_per_px[0], &wide(kernel)),
+        false => vec![0.0; depth.penetration.data.len()],
+    };
     let margin = depth.margin_px;
     let pressure = contact.pressure.as_ref().expect("pressures");
     let mut pressed = Vec::new();
@@ -109,7 +126,9 @@ fn residual(rig: &Rig, depth: &Depth, contact: &Contact) -> f64 {
                 if known { p * f64::from(kernel.at(lag_x, lag_y)) } else { 0.0 }
             };
             let gap = pressed.iter().map(share).sum::<f64>() - f64::from(depth.penetration.at(*x, *y));
-            let touches = pressed.iter().any(|(i, j, _)| (*i, *j) == (u, v));
+            let own = pressed.iter().find(|(i, j, _)| (*i, *j) == (u, v));
+            let touches = own.is_some();
+            let gap = gap + own.map_or(0.0, |(.., p)| springs[y * depth.penetration.width + x] * p);
             // Outside the view only the object that the view was made for is known.
             worst = worst.max(if touches { gap.abs() } else { -gap });
         }

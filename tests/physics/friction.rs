@@ -13,6 +13,7 @@ use serde_json::Value;
 use super::finite_elements::{self, press};
 use super::inplane::oracle;
 use super::rig::{NOTHING, OBJECTS, RESOLUTIONS, Rig, Setup};
+use crate::oracle::cut_pixels::edges;
 use crate::oracle::dense_contact::solved;
 use crate::plan::plan;
 
@@ -235,11 +236,19 @@ fn pressure_and_tractions_are_those_of_dense_matrices() {
         let answers = Answers::new(&rig, size);
         let place = |k: usize| [k % size, k / size];
         let penetration = |k: usize| f64::from(depth.penetration.at(margin + k % size, margin + k / size));
+        let grid = Grid { width: size, height: size, data: (0..size * size).map(penetration).collect() };
+        let (kernel, mut lags) = (rig.pad.kernel(), Grid::new(2, 1));
+        lags.data = (0..2).map(|lag| f64::from(kernel.at(lag, 0))).collect();
+        let edges = edges(&grid, setup.mm_per_px[0], &lags);
         let mut touching: Vec<usize> = (0..size * size).filter(|k| penetration(*k) > 0.0).collect();
         let (w, force) = loop {
             let forces: Vec<(usize, usize)> = (0..3).flat_map(|by| touching.iter().map(move |k| (by, *k))).collect();
             let row = |(part, at): &(usize, usize)| {
-                forces.iter().map(|(by, from)| answers.of(*part, place(*at), *by, place(*from))).collect()
+                let answer = |(by, from): &(usize, usize)| {
+                    let edge = if [*part, *by] == [0, 0] && at == from { edges[*at] } else { 0.0 };
+                    answers.of(*part, place(*at), *by, place(*from)) + edge
+                };
+                forces.iter().map(answer).collect()
             };
             let wanted = forces.iter().map(|(part, at)| if *part == 0 { penetration(*at) } else { 0.0 }).collect();
             let found = solved(forces.iter().map(row).collect(), wanted);
@@ -252,6 +261,9 @@ fn pressure_and_tractions_are_those_of_dense_matrices() {
                 .collect();
             let missed: Vec<usize> = (0..size * size).filter(|k| w[*k] < penetration(*k) - 1e-9).collect();
             if pulling.is_empty() && missed.iter().all(|k| touching.contains(k)) {
+                // On the object, the pad is where the object is.
+                let on = |k: usize| if touching.contains(&k) { penetration(k) } else { w[k] };
+                let w: Vec<f64> = (0..size * size).map(on).collect();
                 break (w, found[..touching.len()].iter().sum::<f64>());
             }
             touching.retain(|k| !pulling.contains(k));

@@ -91,7 +91,7 @@ fn every_linear_level_gives_the_surface_and_the_image_of_the_f64_pipeline() {
             }
             let window = match level {
                 Fidelity::Paper => blurred(&known),
-                _ => pressed(&known, &lags[0]),
+                _ => pressed(&known, &lags[0], plan.simulator.view().mm_per_px[0]),
             };
             let surface_um = surface_error_um(&sample, &window, margin);
             let (most_um, most_deg, most_levels) = match level {

@@ -375,7 +375,7 @@ impl ElasticPad {
 
     /// Returns the object on the solver's grid.
     fn downsample_object(&self, depth: &Depth, lattice: Lattice) -> DownsampledObject {
-        DownsampledObject::new(lattice, depth, self.mm_per_px, self.response.kernel().at(0, 0))
+        DownsampledObject::new(lattice, depth, self.mm_per_px, self.response.kernel())
     }
 
     /// Returns the solver's grid over a depth map.

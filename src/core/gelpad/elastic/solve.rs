@@ -69,7 +69,7 @@ impl ContactProblem<'_> {
 
     /// Returns the guess at a compliant pixel as a share of the guess at a stiff one.
     fn guess_share(&self, pixel: &PartialPixel) -> f32 {
-        self.largest_compliance / (self.largest_compliance + pixel.compliance)
+        self.largest_compliance / (self.largest_compliance + pixel.spring())
     }
 
     /// Computes the displacement under a pressure, including the compression of partial pixels.
@@ -77,14 +77,14 @@ impl ContactProblem<'_> {
         self.operator.displace(pressure, memory, displacement);
         for pixel in &self.partial_pixels {
             let [x, y] = pixel.at;
-            displacement.row_mut(y)[x] += pixel.compliance * pressure.at(x, y);
+            displacement.row_mut(y)[x] += pixel.spring() * pressure.at(x, y);
         }
     }
 
     /// Computes approximately the pressure under a residual. Compliant pixels are scaled before and after, so that they
     /// behave like the others.
     fn apply_inverse(&self, residual: &mut Grid<f32>, memory: &mut OperatorBuffers, step: &mut Grid<f32>) {
-        let balance = |pixel: &PartialPixel| 1.0 / (1.0 + pixel.compliance / self.own_response).sqrt();
+        let balance = |pixel: &PartialPixel| 1.0 / (1.0 + pixel.spring() / self.own_response).sqrt();
         let index = |pixel: &PartialPixel| pixel.at[1] * self.penetration.width + pixel.at[0];
         let kept: Vec<f32> = self.partial_pixels.iter().map(|pixel| residual.data[index(pixel)]).collect();
         self.partial_pixels.iter().for_each(|pixel| residual.data[index(pixel)] *= balance(pixel));
@@ -103,7 +103,6 @@ impl ContactProblem<'_> {
             pixel.at = at;
             if pixel.is_stopped {
                 self.penetration.row_mut(at[1])[at[0]] -= pixel.compression_mm(0.0);
-                pixel.compliance = 0.0;
             }
             self.partial_pixels.push(pixel);
         }
@@ -128,25 +127,24 @@ impl ContactProblem<'_> {
     /// Notes in `cut` which pixels of the box `part` have stopped.
     pub fn note_stopped_pixels(&self, cut: &mut [PartialPixel], part: Rect) {
         let there = cut.iter_mut().filter(|pixel| part.contains(pixel.at));
-        there.zip(&self.partial_pixels).for_each(|(pixel, own)| pixel.is_stopped = own.is_stopped);
+        there.zip(&self.partial_pixels).for_each(|(pixel, own)| pixel.take_state(own));
     }
 
     /// Subtracts the compression of partial pixels under a pressure from a displacement.
     pub fn subtract_compression(&self, pressure: &Grid<f32>, displacement: &mut Grid<f32>) {
         for pixel in &self.partial_pixels {
             let [x, y] = pixel.at;
-            displacement.row_mut(y)[x] -= pixel.compliance * pressure.at(x, y);
+            displacement.row_mut(y)[x] -= pixel.spring() * pressure.at(x, y);
         }
     }
 
-    /// Stops pixels whose compression exceeds its limit; returns true if there were any.
-    fn stop_pixels(&mut self, pressure: &Grid<f32>) -> bool {
+    /// Stops pixels whose compression exceeds its limit, and frees stopped ones; returns true if there were any.
+    fn stop_or_free_pixels(&mut self, pressure: &Grid<f32>) -> bool {
         let mut any = false;
         for pixel in &mut self.partial_pixels {
             let [x, y] = pixel.at;
-            if pixel.stop_at_limit(pressure.at(x, y)) {
-                self.penetration.row_mut(y)[x] -= pixel.compression_mm(0.0);
-                pixel.compliance = 0.0;
+            if let Some(deeper_mm) = pixel.stop_or_free(pressure.at(x, y)) {
+                self.penetration.row_mut(y)[x] += deeper_mm;
                 any = true;
             }
         }
@@ -170,7 +168,7 @@ impl ContactProblem<'_> {
         let mut free = Vec::<PartialPixel>::new();
         loop {
             outcome.residual_mm = measure_violation(pressure, displacement, &self.penetration, residual);
-            if outcome.residual_mm <= NEAR_TOLERANCE * self.tolerance_mm && self.stop_pixels(pressure) {
+            if outcome.residual_mm <= NEAR_TOLERANCE * self.tolerance_mm && self.stop_or_free_pixels(pressure) {
                 self.displace(pressure, memory, displacement);
                 outcome.residual_mm = measure_violation(pressure, displacement, &self.penetration, residual);
                 keeps_direction = false;

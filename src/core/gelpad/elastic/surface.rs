@@ -19,6 +19,9 @@ use crate::gelpad::Contact;
 /// Largest gap, as a share of the depth, over which an interpolated pad counts as touching.
 const MAX_GAP_SHARE: f32 = 0.5;
 
+/// Where the cubic's gap is larger than is close and the straight line's is less than this share of it, there is contact.
+const CLEAR_SHARE: f32 = 0.75;
+
 impl ElasticPad {
     /// Transfers a solution to the camera's grid: the object's own surface where they touch, the pad's elsewhere.
     pub(super) fn fill_contact(
@@ -163,9 +166,14 @@ impl ElasticPad {
         // depth. Gaps are divided by this, so it must be above 0 for the smallest depth, too.
         let close = self.contact_gap_mm().min(MAX_GAP_SHARE * depth.deepest_mm).max(f32::MIN_POSITIVE);
         let through = (self.elastic.tolerance_um * 1e-3) as f32;
+        // Nor does the cubic reach deeper than the object.
+        let deepest = depth.penetration.largest(|g| g);
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
         let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
         let mut pressure = Grid::<f32>::new(area.width(), area.height());
+        // The view, without the surface's border.
+        let border = SURFACE_BORDER;
+        let view = Rect { x0: seen.x0 + border, y0: seen.y0 + border, x1: seen.x1 - border, y1: seen.y1 - border };
         let mut fine_sum = 0.0;
         let in_area = columns.start - area.x0..columns.end - area.x0;
         simd_dispatch(
@@ -191,25 +199,31 @@ impl ElasticPad {
                         let (inside, straight, touching) = (between(inside), between(straight), between(touching));
                         let (w, g) = (surface[x], object[x]);
                         let gap = w - g;
-                        let nearest = if straight - g < gap { straight - g } else { gap };
-                        let touches = ((inside > 0.0) & (nearest < close)) | (-gap > through);
+                        let touches = ((inside > 0.0) & ((gap < close) | (straight - g < CLEAR_SHARE * close)))
+                            | (-gap > through);
                         let p = if touches & (g >= highest) { to[x] } else { 0.0 };
                         // The change is gradual: a contact that gains a pixel must not move the surface by more than
                         // the object moved.
                         let share = (2.0 * touching - 1.0).max(0.0) * (2.0 - 2.0 * gap / close).clamp(0.0, 1.0);
                         let w = w - share * gap.min((w - highest).max(0.0));
-                        // Where only the cubic has overshot, limit the gap.
-                        let near = if w < g + close { w } else { g + close };
-                        surface[x] = if p > 0.0 { near } else { w };
+                        // Where only the cubic has overshot, limit the gap, too; in full where it counts as contact.
+                        let over = if (w < g + close) | (inside <= 0.0) | (g < highest) { 0.0 } else { w - g - close };
+                        let limited = (1.0 - (straight - g) / close) / (1.0 - CLEAR_SHARE);
+                        let w = w - limited.clamp(0.0, 1.0) * over;
+                        surface[x] = if w < deepest { w } else { deepest };
                         to[x] = p;
                     }
-                    fine_sum += sum_values(to);
+                    if (view.y0..view.y1).contains(&y) {
+                        let [from, end] =
+                            [view.x0, view.x1].map(|x| x.clamp(columns.start, columns.end) - columns.start);
+                        fine_sum += sum_values(&to[from..end]);
+                    }
                 }
             },
         );
-        // Where an edge cut off pressure, the rest carries it: the total is scaled to the solver's force.
+        // Where an edge cut off pressure, the rest carries it: in view, the total is scaled to the solver's force.
         let mut coarse_sum = 0.0;
-        let part = lattice.coarse_inside(Rect { x0: columns.start, x1: columns.end, ..rows });
+        let part = lattice.coarse_inside(view);
         for y in part.y0.max(solution.contact_box.y0)..part.y1.min(solution.contact_box.y1) {
             let Rect { x0, x1, .. } = solution.contact_box;
             let row = solution.pressure.row(y - solution.contact_box.y0);
