@@ -147,7 +147,10 @@ def textured(case, gear):
 
 
 def test_a_texture_is_seen_but_by_pins(case, gear, textured):
-    assert np.array_equal(textured.image, case.simulator.press(gear, POSE, seed=7).image) == (case.preset == "tactip")
+    plain = case.simulator.press(gear, POSE, seed=7)
+    # The texture takes a tenth of the force, by which pins move by less than a pixel: a few of their pixels change.
+    changed = (textured.image != plain.image).any(axis=2).mean()
+    assert (changed < 2e-3) == (case.preset == "tactip"), changed
 
 
 def test_a_texture_is_in_the_label(textured):
