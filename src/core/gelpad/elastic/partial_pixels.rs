@@ -338,9 +338,6 @@ impl PixelBlocks<'_> {
             self.penetration_at(to)
         };
         let [here, next] = [moved(0), moved(1)];
-        if (here - next).abs() <= self.step_mm[k].min(0.5 * here.max(next)) {
-            return Step { share: 0.0, change_mm: 0.0, steepness: 0.0 };
-        }
         let steep = (here - next).abs() / self.step_mm[k] - 1.0;
         // A shallow press reaches only a little way down a wall. There is a wall if the object would continue by its
         // slope and curvature, and more than half of its depth is missing.
