@@ -85,7 +85,7 @@ ACCURACY_FIGURES = [
         "evidence/accuracy",
         ACCURACY,
         Sentence(
-            "Friction changes the force by {} % of the largest and the image by a fifth of a level, and takes 4 ms more, on top of 10."
+            "Friction changes the force by {} % of the largest and the image by a fifth of a level, and takes 6 ms more, on top of 12."
             " The model error (median of `model_error_um`) falls from {} to {} um"
         ),
         pad_friction,
