@@ -114,17 +114,18 @@ impl ElasticPad {
             let (mut memory, mut displacement) = (OperatorBuffers::default(), Grid::default());
             operator.prepare(&mut memory);
             operator.displace(&solution.pressure, &mut memory, &mut displacement);
-            // Where a pixel is stiffer, so is the object.
-            let share = alone.kernel().at(0, 0) / both.response.kernel().at(0, 0);
-            let Rect { x0, y0, .. } = solution.contact_box;
-            for edge in cut.iter().filter(|edge| edge.compliance < 0.0 && solution.contact_box.contains(edge.at)) {
-                let [x, y] = edge.at;
-                displacement.row_mut(y)[x] += share * edge.compliance * solution.pressure.at(x - x0, y - y0);
-            }
             if lattice.factor > 1 {
                 let fine = Rect::whole(depth.penetration.width, depth.penetration.height);
                 let coarse = std::mem::take(&mut displacement);
                 lattice.upsample(&coarse, whole, fine, Interpolation::Cubic, &mut displacement);
+            } else {
+                // Where a pixel is stiffer, so is the object.
+                let share = alone.kernel().at(0, 0) / both.response.kernel().at(0, 0);
+                let Rect { x0, y0, .. } = solution.contact_box;
+                for edge in cut.iter().filter(|edge| solution.contact_box.contains(edge.at)) {
+                    let [x, y] = edge.at;
+                    displacement.row_mut(y)[x] += share * edge.compliance * solution.pressure.at(x - x0, y - y0);
+                }
             }
             subtract_object_displacement(depth, &displacement, window);
         }

@@ -51,10 +51,10 @@ const SAME_DIRECTION: [f32; 2] = [0.6, 0.7];
 /// Compression, as a share of the wall's height, from which on the part beside a wall is pressed in full.
 const PRESSED_BESIDE: f32 = 0.25;
 
-/// A stopped pixel is freed where its pressure would compress it by less than this share of the limit,
+/// A stopped pixel is freed where its pressure would compress it by less than this share of the limit.
 const FREED_BELOW: f32 = 0.98;
 
-/// and, as rounding must not free it for ever, so many times.
+/// Number of stops and frees after which a pixel is not freed again: rounding could go on for ever.
 const MOST_CHANGES: u8 = 6;
 
 /// Distance of a face's middle from a pixel's centre, in the pixel's size, from which on it lies on one side.
@@ -79,7 +79,7 @@ pub struct PartialPixel {
     centre_covered: f32,
     /// True if the largest compression is reached; it then stays constant.
     pub is_stopped: bool,
-    /// How often it may still be freed.
+    /// Stops and frees that are left of [`MOST_CHANGES`].
     changes_left: u8,
 }
 
