@@ -4,7 +4,9 @@
 //! pressed with ([`PressError`]).
 
 use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+
+use once_cell::race::OnceBox;
 
 use crate::base::clock::{Seconds, ThreadClock};
 use crate::base::grid::{Grid, Rect};
@@ -54,7 +56,7 @@ pub struct Simulator {
     relief: Option<Arc<Grid<f32>>>,
     pad: Arc<Pad>,
     /// The pad under objects that slide, prepared when the first sequence begins.
-    frame_pad: Arc<OnceLock<SlidingPad>>,
+    frame_pad: Arc<OnceBox<SlidingPad>>,
     /// The sensor's markers, unless the policy leaves them out.
     markers: Option<Markers>,
     /// True if every press computes in-plane motion, even if neither markers nor pins show it.
@@ -63,7 +65,7 @@ pub struct Simulator {
     in_plane: Option<Arc<InPlaneResponse>>,
     shader: Arc<Shader>,
     /// What the model of the light leaves out, once it is asked for.
-    light_error: OnceLock<Result<LightError, &'static str>>,
+    light_error: OnceBox<Result<LightError, &'static str>>,
     /// The grey images of the sensor's lamps, whatever the optics model.
     lamps: Option<Arc<lamps::LampShader>>,
     camera: Arc<Camera>,
@@ -450,7 +452,7 @@ impl Simulator {
             let rest_levels = self.background.planes.each_ref().map(mean);
             LightError::new(&self.models.optics, &self.sensor.illumination(), rest_levels)
         };
-        self.light_error.get_or_init(find).as_ref().map_err(|why| *why)
+        self.light_error.get_or_init(|| Box::new(find())).as_ref().map_err(|why| *why)
     }
 
     /// Returns the image without contact, markers included.

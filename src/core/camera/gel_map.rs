@@ -1,8 +1,9 @@
 //! Where the pixels of an image lie on a chart of a curved gel, and the layers of the chart as the image shows them.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
+use once_cell::race::OnceBox;
 
 use super::projection::Projection;
 use crate::base::chart::{Chart, Latitude, SurfaceFrame};
@@ -37,7 +38,7 @@ pub struct GelView {
     inward_normals: [Vec<f32>; 3],
     /// The gel over charts, computed on first use: one for each latitude of a capsule, one for a dome, and for a mesh
     /// that of the chart around its tip.
-    lattices: Vec<OnceLock<Arc<Lattice>>>,
+    lattices: Vec<OnceBox<Arc<Lattice>>>,
 }
 
 /// What a pixel shows.
@@ -75,7 +76,7 @@ impl GelView {
             sites.iter().map(|site| normal(site)[k] as f32).collect()
         });
         let latitudes = shape.wall_mm().map_or(1, |_| Latitude::count_on(&shape));
-        let lattices = (0..latitudes).map(|_| OnceLock::new()).collect();
+        let lattices = (0..latitudes).map(|_| OnceBox::new()).collect();
         Self { shape, camera, view, sites, contents: seen.data, part, inward_normals, lattices }
     }
 
@@ -94,7 +95,8 @@ impl GelView {
     /// lattice.
     fn chart_lattice(&self, chart: &Chart) -> (Arc<Lattice>, DMat3) {
         let of = |chart: &Chart| Arc::new(Lattice::new(chart, &self.view));
-        let known = |number: usize, chart: &Chart| Arc::clone(self.lattices[number].get_or_init(|| of(chart)));
+        let known =
+            |number: usize, chart: &Chart| Arc::clone(self.lattices[number].get_or_init(|| Box::new(of(chart))));
         match (chart.geodesics(), self.shape.surface()) {
             (Some(geodesics), Some(surface)) if Arc::ptr_eq(surface.tip_chart(), geodesics) => {
                 (known(0, chart), DMat3::IDENTITY)
@@ -119,7 +121,7 @@ pub struct GelMap {
     /// The part of the image outside which all are NaN.
     part: Rect,
     /// The gel over the chart before a rotation, and that rotation; computed on first use.
-    lattice: OnceLock<(Arc<Lattice>, DMat3)>,
+    lattice: OnceBox<(Arc<Lattice>, DMat3)>,
 }
 
 /// A pressed gel as the pixels of a part of the image show it, row by row.
@@ -134,11 +136,11 @@ impl GelMap {
     /// Locates the pixels of an image on a chart. Except for the chart of a dome, only its part `part` is located;
     /// nothing is shown outside it.
     pub(crate) fn new(gel: &Arc<GelView>, chart: &Chart, part: Rect) -> Self {
-        let lattice = OnceLock::new();
+        let lattice = OnceBox::new();
         let GelView { shape, view, sites, .. } = &**gel;
         let over_mm = NODES_PER_CELL as f64 * view.mm_per_px[0].max(view.mm_per_px[1]);
         let rasteriser = || {
-            let (lattice, turn) = lattice.get_or_init(|| gel.chart_lattice(chart));
+            let (lattice, turn) = lattice.get_or_init(|| Box::new(gel.chart_lattice(chart)));
             ChartRasteriser { gel, lattice, turn: *turn }
         };
         let cells = CellRange::around(part, view);
@@ -350,7 +352,7 @@ impl GelMap {
     /// Prepares the interpolation of a pressed gel between the chart's nodes. `surface` is its displacement on the
     /// chart, which is 0 outside `touched`.
     pub(crate) fn skin_interpolator(&self, surface: &Grid<f32>, touched: Rect) -> SkinInterpolator<'_> {
-        let (lattice, turn) = self.lattice.get_or_init(|| self.gel.chart_lattice(&self.chart));
+        let (lattice, turn) = self.lattice.get_or_init(|| Box::new(self.gel.chart_lattice(&self.chart)));
         SkinInterpolator::new(&self.gel, self.chart.radius_mm(), (lattice, *turn), surface, touched)
     }
 
@@ -360,7 +362,7 @@ impl GelMap {
     /// They are along the sensor's x and y, taken to each point by the smallest rotation that takes z to the gel's
     /// normal.
     pub(crate) fn warp_motion(&self, planes: &[Grid<f32>; 2]) -> Vec<[f32; 2]> {
-        let (lattice, turn) = self.lattice.get_or_init(|| self.gel.chart_lattice(&self.chart));
+        let (lattice, turn) = self.lattice.get_or_init(|| Box::new(self.gel.chart_lattice(&self.chart)));
         let motion = |(site, at): (&Option<Site>, &[f32; 2])| {
             let site = site.as_ref().filter(|_| at[0].is_finite())?;
             let [x, y] = planes.each_ref().map(|plane| interpolate_bilinear(plane, *at).map(f64::from));

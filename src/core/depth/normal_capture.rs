@@ -5,9 +5,10 @@
 //! gap between them. Normals of a cylinder come from its axis; the shift of a plane along the axis is the same for both
 //! triangles, too. Normals of a mesh have no common origin: see `normal_lines.rs`.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
+use once_cell::race::OnceBox;
 
 use super::chart_grid::ChartGrid;
 use super::node_blocks::{BlockGroups, are_disjoint};
@@ -38,10 +39,10 @@ pub struct NormalCapture {
     height: usize,
     margin_px: usize,
     /// Lines of a mesh's chart around its tip, made when first needed.
-    tip_lines: OnceLock<NormalLines>,
+    tip_lines: OnceBox<NormalLines>,
     /// Nodes of each latitude, made when first needed: the same all around the gel. A dome has one latitude, the same
     /// everywhere.
-    latitudes: Vec<OnceLock<ChartNodes>>,
+    latitudes: Vec<OnceBox<ChartNodes>>,
 }
 
 /// The nodes of the charts of one latitude, before the chart's rotation.
@@ -72,8 +73,8 @@ impl NormalCapture {
     pub fn new(shape: &GelShape, view: &View, margin_px: usize) -> Self {
         let [width, height] = view.resolution_px.map(|px| px + 2 * margin_px);
         let latitudes = shape.wall_mm().map_or(1, |_| Latitude::count_on(shape));
-        let latitudes = (0..latitudes).map(|_| OnceLock::new()).collect();
-        Self { shape: shape.clone(), view: *view, width, height, margin_px, tip_lines: OnceLock::new(), latitudes }
+        let latitudes = (0..latitudes).map(|_| OnceBox::new()).collect();
+        Self { shape: shape.clone(), view: *view, width, height, margin_px, tip_lines: OnceBox::new(), latitudes }
     }
 
     /// Returns how far `object` reaches below the gel along the normals of a chart, limited to `thickness_mm`.
@@ -93,12 +94,12 @@ impl NormalCapture {
             if !at_tip {
                 return self.capture_at(&places, size, object, pose, window, thickness_mm);
             }
-            let lines = self.tip_lines.get_or_init(|| NormalLines::new(geodesics, size, &places));
+            let lines = self.tip_lines.get_or_init(|| Box::new(NormalLines::new(geodesics, size, &places)));
             let heights = lines.capture_heights(object, pose, (geodesics, &places), window, thickness_mm);
             return limit_to_thickness(heights, self.margin_px, thickness_mm);
         }
         let number = chart.latitude().index();
-        let nodes = self.latitudes[number].get_or_init(|| self.latitude_nodes(number));
+        let nodes = self.latitudes[number].get_or_init(|| Box::new(self.latitude_nodes(number)));
         let heights = self.capture_heights(nodes, chart.base_rotation().transpose(), object, pose, window.above_mm);
         limit_to_thickness(heights, self.margin_px, thickness_mm)
     }

@@ -3,9 +3,8 @@
 //! Pluecker coordinates of line and edge tell on which side of a triangle's edge a line passes. Two triangles that
 //! share an edge get the same number with opposite signs, to the bit, so there is no gap between them.
 
-use std::sync::OnceLock;
-
 use glam::DVec3;
+use once_cell::race::OnceBox;
 
 use super::CaptureWindow;
 use super::chart_grid::ChartGrid;
@@ -38,7 +37,7 @@ struct LineBlock {
     /// True if some nodes may lie beyond the gel.
     at_rim: bool,
     /// The lines, made when they are first needed.
-    bundle: OnceLock<Box<LineBundle>>,
+    bundle: OnceBox<LineBundle>,
 }
 
 /// Lines through the nodes of a block, row by row: directions, moments, and the positions of the nodes along them. NaN
@@ -89,7 +88,7 @@ impl NormalLines {
                     points: [low - bulge, high + bulge],
                     normals: [down - lean, up + lean],
                     at_rim: around.iter().any(|(_, _, _, inside)| !inside),
-                    bundle: OnceLock::new(),
+                    bundle: OnceBox::new(),
                 });
             }
         }

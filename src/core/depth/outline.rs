@@ -5,7 +5,7 @@
 //! polytope, Klosowski et al. 1998). The test errs to one side only: objects whose outlines are apart do not overlap,
 //! whatever their shapes and heights.
 
-use std::sync::OnceLock;
+use once_cell::race::OnceBox;
 
 use crate::base::angle::sin_cos_deg;
 use crate::mesh::clusters::Clusters;
@@ -24,12 +24,12 @@ pub struct Outline {
 
 /// Returns unit vectors at even angles from +x towards +y; opposite directions are half of [`SIDES`] apart.
 fn side_directions() -> &'static [[f64; 2]; SIDES] {
-    static TABLE: OnceLock<[[f64; 2]; SIDES]> = OnceLock::new();
+    static TABLE: OnceBox<[[f64; 2]; SIDES]> = OnceBox::new();
     TABLE.get_or_init(|| {
-        std::array::from_fn(|side| {
+        Box::new(std::array::from_fn(|side| {
             let (sin, cos) = sin_cos_deg(side as f64 * (360.0 / SIDES as f64));
             [cos, sin]
-        })
+        }))
     })
 }
 

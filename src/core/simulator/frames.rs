@@ -31,7 +31,7 @@ impl Simulator {
                 EffectPolicy::Without(Effect::Relaxation) => &[][..],
                 _ => &self.sensor.relaxation,
             };
-            SlidingPad::new(elastic, &self.sensor.gelpad, relaxation, &self.view)
+            Box::new(SlidingPad::new(elastic, &self.sensor.gelpad, relaxation, &self.view))
         }))
     }
 

@@ -1,6 +1,8 @@
 //! Prepares a sensor: computes what is the same in every press, or shares it with a simulator that has it already.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+
+use once_cell::race::OnceBox;
 
 use crate::base::light::Light;
 use crate::camera::pins::Pins;
@@ -211,7 +213,7 @@ impl Simulator {
             models,
             policy,
             view,
-            light_error: OnceLock::new(),
+            light_error: OnceBox::new(),
             background,
             grain_noise: noise,
             drop_mm,

@@ -10,9 +10,10 @@ pub mod geodesic_chart;
 mod topology;
 pub mod tree;
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
+use once_cell::race::OnceBox;
 
 use super::triangle::nearest_point_on_triangle;
 use geodesic::Waypoint;
@@ -47,7 +48,7 @@ pub struct GelSurface {
     sharp_edges: usize,
     /// The normal at the tip.
     tip_normal: DVec3,
-    tip_chart: OnceLock<Arc<GeodesicChart>>,
+    tip_chart: OnceBox<Arc<GeodesicChart>>,
 }
 
 /// Surfaces are shared: only the same object is equal.
@@ -143,7 +144,7 @@ impl GelSurface {
             high,
             sharp_edges: 0,
             tip_normal: DVec3::Z,
-            tip_chart: OnceLock::new(),
+            tip_chart: OnceBox::new(),
         };
         // The tip is where the z axis leaves the mesh last.
         let below = DVec3::new(0.0, 0.0, low.z - 1.0);
@@ -220,7 +221,7 @@ impl GelSurface {
             let across = self.high - self.low;
             // On a gel that bulges, no way along the surface is longer than straight down and across.
             let reach_mm = 1.05 * (across.z + 0.5 * across.truncate().length());
-            Arc::new(GeodesicChart::around_tip(self, reach_mm))
+            Box::new(Arc::new(GeodesicChart::around_tip(self, reach_mm)))
         })
     }
 

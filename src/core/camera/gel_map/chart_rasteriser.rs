@@ -1,9 +1,8 @@
 //! Locates the pixels of an image on a chart: those of a dome by a formula, those of other gels by drawing the chart
 //! into the image.
 
-use std::sync::OnceLock;
-
 use glam::{DMat3, DVec2, DVec3};
+use once_cell::race::OnceBox;
 
 use super::lattice::{CellRange, Lattice, NODES_PER_CELL};
 use super::{GelView, PixelContent};
@@ -17,14 +16,14 @@ const STEP: f64 = 1.0 / 4096.0;
 
 /// Returns a table of angles over their sines, by 1 less their cosine in steps from 0 to 1.5.
 fn angle_over_sine_table() -> &'static [f64] {
-    static TABLE: OnceLock<Vec<f64>> = OnceLock::new();
+    static TABLE: OnceBox<Vec<f64>> = OnceBox::new();
     TABLE.get_or_init(|| {
         let of = |step: usize| {
             let versine = step as f64 * STEP;
             let sin = libm::sqrt(versine * (2.0 - versine));
             if step == 0 { 1.0 } else { libm::atan2(sin, 1.0 - versine) / sin }
         };
-        (0..=6144).map(of).collect()
+        Box::new((0..=6144).map(of).collect())
     })
 }
 

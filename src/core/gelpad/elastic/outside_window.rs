@@ -5,7 +5,9 @@
 //! each grid's pressure outside the next one is taken as given, and its displacement is subtracted from the penetration
 //! there. The window itself comes last; it is then solved under the load outside instead of without it.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+
+use once_cell::race::OnceBox;
 
 use super::convolve::FftPlans;
 use super::kernel::layer_kernel;
@@ -54,8 +56,8 @@ const FINE_CELL: f64 = 0.25;
 /// What the grids share from press to press; made when first needed.
 #[derive(Default)]
 pub(super) struct OutsideGrids {
-    responses: OnceLock<Vec<OnceLock<Arc<PressureResponse>>>>,
-    plans: OnceLock<Arc<FftPlans>>,
+    responses: OnceBox<Vec<OnceBox<Arc<PressureResponse>>>>,
+    plans: OnceBox<Arc<FftPlans>>,
 }
 
 /// One grid, and the rectangles between which it is used.
@@ -72,15 +74,6 @@ struct GridLevel {
 struct CellField {
     cells: CellGrid,
     values: Grid<f32>,
-}
-
-/// Returns the value in `cell`, computing it if necessary. It is computed outside of the cell's own lock: a process
-/// forked meanwhile does not have the thread that computes it, and would wait for it for ever.
-fn get_or_compute<T>(cell: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
-    cell.get().unwrap_or_else(|| {
-        let value = make();
-        cell.get_or_init(|| value)
-    })
 }
 
 impl ElasticPad {
@@ -169,11 +162,12 @@ impl ElasticPad {
     /// Returns the same layer on a grid of cells.
     fn with_cell_grid(&self, size_number: usize, cell_size_mm: f64, deepest_mm: f64) -> Self {
         let OutsideGrids { responses, plans } = &*self.outside_grids;
-        let responses = get_or_compute(responses, || (0..SIZE_COUNT).map(|_| OnceLock::new()).collect());
-        let plans = get_or_compute(plans, || Arc::new(FftPlans::new(4 * MAX_CELLS)));
-        let own = get_or_compute(&responses[size_number], || {
+        let responses = responses.get_or_init(|| Box::new((0..SIZE_COUNT).map(|_| OnceBox::new()).collect()));
+        let plans = plans.get_or_init(|| Box::new(Arc::new(FftPlans::new(4 * MAX_CELLS))));
+        let own = responses[size_number].get_or_init(|| {
             let kernel = cell_kernel(self.layer, cell_size_mm, 2 * MAX_CELLS);
-            Arc::new(PressureResponse::from_kernel(self.layer, [cell_size_mm; 2], kernel, Arc::clone(plans)))
+            let plans = Arc::clone(plans);
+            Box::new(Arc::new(PressureResponse::from_kernel(self.layer, [cell_size_mm; 2], kernel, plans)))
         });
         let tolerance_um = self.elastic.tolerance_um.max(1e3 * TOLERANCE_SHARE * deepest_mm);
         Self {
