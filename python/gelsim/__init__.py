@@ -26,7 +26,7 @@ What there is:
   pressed and where, `Texture` and `Shear` what else happens.
 - `Sensor` is a preset or a sensor file, `Led` one of its lights; `Sensor.render` takes batches of depth maps.
 - `Job` renders the samples of a job file when they are asked for, for training without files.
-- `generate` writes a dataset, as the command does, and `load` reads it; `collate` and `collate_torch` make batches.
+- `generate` writes a dataset, as the command does, and `load` reads it, or a `SensorSet`, whose `pairs` are presses as all sensors see them; `collate` and `collate_torch` make batches.
 - `UsageError`, a ValueError, tells all mistakes of a call at once; `RunError` is what fails while running.
 
 Lengths are millimetres, angles degrees, forces newtons. x is to the right in the image, y down, z out of the pad towards the object.
@@ -35,7 +35,7 @@ The command is `gelsim`, or `python -m gelsim`. docs/how-to/python.md has more e
 
 from gelsim._native import Job, RunError, Sensor, UsageError, __version__
 from gelsim.batch import collate, collate_torch
-from gelsim.dataset import Dataset, load
+from gelsim.dataset import Dataset, Pairs, SensorSet, load
 from gelsim.generating import Generated, generate
 from gelsim.mesh import Mesh
 from gelsim.sample import Sample
@@ -51,11 +51,13 @@ __all__ = [
     "Led",
     "LightPattern",
     "Mesh",
+    "Pairs",
     "Placement",
     "Pose",
     "RunError",
     "Sample",
     "Sensor",
+    "SensorSet",
     "Shear",
     "Simulator",
     "Texture",

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from gelsim.sample import Sample
 
 MANIFEST_VERSION = 1
+SET_FILE = "sensors.json"
+SET_VERSION = 1
 
 
 T = TypeVar("T")
@@ -62,10 +64,13 @@ def load(
     `layers` names the layers to read, `tactile` among them; the others are not decoded. Without it samples have all. A sample is
     what `transform` makes of it, if that is given: a function at the top of a module, where other processes find it.
 
+    The folder of a set, which a job with `[sensors]` makes, gives a `SensorSet`: `.pairs()` has each press as all sensors see it.
+
     Raises UsageError for a folder that is none or is not complete, with a way out, and for a layer that is not there; shards are
     looked at when a sample is asked for.
     """
-    return Dataset(path, split, transform=transform, layers=layers)
+    of = SensorSet if (Path(path) / SET_FILE).is_file() else Dataset
+    return of(path, split, transform=transform, layers=layers)
 
 
 class Dataset(Generic[S]):
@@ -125,7 +130,11 @@ class Dataset(Generic[S]):
 
     def __repr__(self) -> str:
         of = "" if self.split is None else f", split {self.split}"
-        return f'<gelsim.Dataset "{self.name}": {len(self)} samples{of}>'
+        return f'<gelsim.{type(self).__name__} "{self.name}": {len(self)} samples{of}>'
+
+    def pairs(self) -> Pairs[S]:
+        """Each press as all sensors of a set see it; UsageError for a dataset of one sensor."""
+        raise UsageError(f"{self.path} is of one sensor; pairs are in the folder of a set, which has {SET_FILE}")
 
     def raw(self, index: SupportsIndex) -> Raw:
         """The files of sample `index`, not decoded."""
@@ -147,6 +156,70 @@ class Dataset(Generic[S]):
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise damaged(of.path, f"{files.key}.json is not its label: {error!r}") from None
         return Raw(of.path, files, text, label, self.manifest["layers"])
+
+
+class SensorSet(Dataset[S]):
+    """The datasets of several sensors as one: all samples of the first sensor, then those of the next.
+
+    `load` makes one of the folder of a set.
+    """
+
+    def __init__(
+        self,
+        path: Union[str, PathLike[str]],
+        split: Optional[str] = None,
+        *,
+        transform: Optional[Callable[[Sample], S]] = None,
+        layers: Optional[Sequence[str]] = None,
+    ) -> None:
+        """See `load`."""
+        root = Path(path)
+        self.set: dict[str, Any] = read_set(root)
+        """`sensors.json`."""
+        folders = [each["folder"] for each in self.set["sensors"]]
+        self.sensors: dict[str, Dataset[S]] = {
+            each: Dataset(root / each, split, transform=transform, layers=layers) for each in folders
+        }
+        """The dataset of each sensor, by its folder."""
+        super().__init__(root / folders[0], split, transform=transform, layers=layers)
+        self.path = root
+        self.name = root.name
+        self.splits = {each: sum(one.splits[each] for one in self.sensors.values()) for each in self.splits}
+        self.shards = [shard for one in self.sensors.values() for shard in one.shards]
+        self._ends = list(accumulate(each.samples for each in self.shards))
+
+    def pairs(self) -> Pairs[S]:
+        """Each press as all sensors see it: a sequence of lists, with a sample of each sensor in the order of `sensors`.
+
+        Raises UsageError for a set with `paired = false`.
+        """
+        if not self.set["paired"]:
+            raise UsageError(f"{self.path}: its sensors feel different presses (paired = false)")
+        lengths = {len(one) for one in self.sensors.values()}
+        if len(lengths) > 1:
+            raise UsageError(f"{self.path}: its sensors have {sorted(lengths)} samples: run `gelsim generate` of its job again")
+        return Pairs(list(self.sensors.values()))
+
+
+class Pairs(Generic[S]):
+    """The presses of a set. `SensorSet.pairs` makes it; it can be pickled, and forked at any time."""
+
+    def __init__(self, sensors: list[Dataset[S]]) -> None:
+        self.sensors = sensors
+        """The dataset of each sensor."""
+
+    def __len__(self) -> int:
+        return len(self.sensors[0])
+
+    def __getitem__(self, index: SupportsIndex, /) -> list[S]:
+        """Press `index` as each sensor sees it. Negative ones count from the end."""
+        return [sensor[index] for sensor in self.sensors]
+
+    def __iter__(self) -> Iterator[list[S]]:
+        return (self[index] for index in range(len(self)))
+
+    def __repr__(self) -> str:
+        return f"<gelsim.Pairs: {len(self)} presses, {len(self.sensors)} sensors>"
 
 
 class Pad(NamedTuple):
@@ -259,6 +332,26 @@ def read_manifest(path: Path) -> dict[str, Any]:
             raise
         verify = f"`gelsim verify {shards.word(path)}` says what is wrong"
         raise UsageError(f"{file} is no manifest of a dataset ({error!r}): {verify}") from None
+
+
+def read_set(path: Path) -> dict[str, Any]:
+    """`sensors.json` of the folder `path`."""
+    file = path / SET_FILE
+    try:
+        found = json.loads(file.read_bytes())
+        version = found["set_version"]
+        if not isinstance(version, int) or version > SET_VERSION:
+            raise UsageError(f"{file} is of a newer gelsim (set_version {version}): install that, or a newer one")
+        folders = [each["folder"] for each in found["sensors"]]
+        if not folders or not isinstance(found["paired"], bool) or any(Path(each).name != each for each in folders):
+            raise ValueError("it names no folders beside it")
+        return cast("dict[str, Any]", found)
+    except OSError as error:
+        raise UsageError(f"{file}: {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        if isinstance(error, UsageError):
+            raise
+        raise UsageError(f"{file} is no list of sensors ({error!r}): run `gelsim generate` of its job again") from None
 
 
 def wanted_layers(path: Path, layers: Sequence[str], there: list[str]) -> list[str]:

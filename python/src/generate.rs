@@ -8,7 +8,9 @@ use std::thread;
 use std::time::Duration;
 
 use gelsim_dataset::folder::recorded_fidelity;
-use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate as write};
+use gelsim_dataset::generate::{
+    GenerateError, GenerateRequest, RunMonitor, RunSummary, generate as write, generate_set,
+};
 use gelsim_dataset::verify::{DatasetFinding, Remedy};
 use gelsim_files::store::{StoreAddress, explain_mistaken_output};
 use gelsim_job::label::sample_key;
@@ -65,9 +67,10 @@ pub fn generate<'py>(
         Err(_) => {
             let path = a_path("job", job)?;
             let pool = crate::threads::shared_pool(py, threads)?;
-            let recorded = if overwrite { None } else { recorded_fidelity(&root) };
             let read = || {
                 let plan = Plan::load(&path, &overrides)?;
+                let begun = plan.dataset_folders(&root).swap_remove(0);
+                let recorded = if overwrite { None } else { recorded_fidelity(&begun) };
                 match recorded.filter(|_| plan.open_fidelity_choice().is_some()) {
                     Some(level) => Ok(plan.with_fidelity(level)),
                     None => settle_fidelity(plan),
@@ -99,7 +102,11 @@ fn run_watching_signals(
     let pool = ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| runtime_error(format!("cannot start threads: {error}")))?;
     // A panic leaves nothing half changed that is used later.
-    let run = || catch_unwind(AssertUnwindSafe(|| pool.install(|| write(plan, request, &watch))));
+    let write = || match plan.sensor_set() {
+        Some(members) => generate_set(&members, request, &watch),
+        None => write(plan, request, &watch),
+    };
+    let run = || catch_unwind(AssertUnwindSafe(|| pool.install(write)));
     // Python runs handlers only on its main thread. On any other, the signals of the run would never be seen.
     let threading = py.import("threading")?;
     let is_main = threading.call_method0("current_thread")?.is(&threading.call_method0("main_thread")?);

@@ -276,6 +276,7 @@ impl Job {
         let pool = shared_pool(py, job.threads)?;
         let foreseen = py.detach(|| pool.install(|| preview_job(&job.plan)));
         emit_warnings(py, &foreseen.notes)?;
+        emit_warnings(py, &job.plan.note_one_of_sensors())?;
         Ok(job)
     }
 

@@ -1,6 +1,6 @@
 //! `gelsim finalize`: writes the index and card of a finished dataset.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
@@ -12,8 +12,9 @@ use super::{Failure, print_result};
 use gelsim_dataset::finalize::{Finalized, check_same_version, finalize};
 use gelsim_dataset::mirror::finalize_in_store;
 use gelsim_dataset::recorded::RecordedDataset;
+use gelsim_dataset::sensor_set::list_dataset_folders;
 use gelsim_dataset::verify::CheckLevel;
-use gelsim_files::store::open_store;
+use gelsim_files::store::{StoreAddress, open_store};
 
 /// Finish a dataset that was made in parts: if all its shards exist and are as they were written, write dataset.json,
 /// wids.json and README.md. Otherwise name the shards that are missing or damaged, with exit status 1. Doing it again
@@ -27,7 +28,7 @@ Example:
 
 Below what is wrong it names the commands that fix it; valid shards stay as they are.")]
 pub struct Finalize {
-    /// The dataset's folder, or its address in a store
+    /// The dataset's folder, that of a set of sensors, or its address in a store
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// Compare the shards' sizes only, not their checksums
@@ -42,9 +43,20 @@ impl Finalize {
     pub(super) fn run(self) -> Result<(), Failure> {
         let depth = if self.quick { CheckLevel::Sizes } else { CheckLevel::Checksums };
         let store = parse_address(&self.dir)?;
-        let (finalized, layout) = match &store {
+        let folders = if store.is_some() { vec![self.dir.clone()] } else { list_dataset_folders(&self.dir)? };
+        let mut is_finalized = true;
+        for folder in folders {
+            is_finalized &= self.finalize_dataset(&folder, store.as_ref(), depth)?;
+        }
+        // What is missing was printed.
+        if is_finalized { Ok(()) } else { Err(Failure::already_reported(1)) }
+    }
+
+    /// Finalizes one dataset, prints what became of it, and returns true if it is complete.
+    fn finalize_dataset(&self, root: &Path, store: Option<&StoreAddress>, depth: CheckLevel) -> Result<bool, Failure> {
+        let (finalized, layout) = match store {
             None => {
-                let recorded = RecordedDataset::open(&self.dir)?;
+                let recorded = RecordedDataset::open(root)?;
                 check_same_version(&recorded)?;
                 (finalize(&recorded, depth)?, recorded.layout)
             }
@@ -52,25 +64,27 @@ impl Finalize {
                 // Never set: nothing is half written if a signal ends the process, so there is nothing to stop in
                 // order.
                 let never = AtomicBool::new(false);
-                let store = open_store(address, &never).map_err(|error| Failure::from_path(&self.dir, &error))?;
-                finalize_in_store(&*store, &staging_folder(self.staging), depth)?
+                let store = open_store(address, &never).map_err(|error| Failure::from_path(root, &error))?;
+                finalize_in_store(&*store, &staging_folder(self.staging.clone()), depth)?
             }
         };
         let [samples, shards] = [layout.sample_count(), layout.shard_count()].map(HumanCount);
-        let all = format!("{}: {samples} samples in {shards} shards", self.dir.display());
+        let all = format!("{}: {samples} samples in {shards} shards", root.display());
         match finalized {
-            Finalized::Valid { bytes } => print_result(&format!("{all}, {}: finalized\n", HumanBytes(bytes))),
+            Finalized::Valid { bytes } => {
+                print_result(&format!("{all}, {}: finalized\n", HumanBytes(bytes)))?;
+                Ok(true)
+            }
             Finalized::Invalid(findings) => {
                 let named: String = findings.iter().map(|finding| format!("{finding}\n")).collect();
-                let repair = match &store {
-                    None => suggest_repair(&self.dir, &findings),
+                let repair = match store {
+                    None => suggest_repair(root, &findings),
                     Some(address) => format!(
                         "remove the stats of shards that are not what was written, then\n  gelsim generate JOB.toml --out {address}\n"
                     ),
                 };
                 print_result(&format!("{named}{all}: not finalized\n{repair}"))?;
-                // The findings were printed above.
-                Err(Failure::already_reported(1))
+                Ok(false)
             }
         }
     }

@@ -12,7 +12,9 @@ use super::store::{parse_address, staging_folder};
 use super::terminal::print_to_stderr;
 use super::{Extent, Failure, JobOverrides, settle_fidelity};
 use gelsim_dataset::folder::recorded_fidelity;
-use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store};
+use gelsim_dataset::generate::{
+    GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store, generate_set,
+};
 use gelsim_dataset::verify::{DatasetFinding, Remedy};
 use gelsim_files::diagnostic::{Diagnostic, user_error};
 use gelsim_files::store::{StoreAddress, open_store};
@@ -65,7 +67,14 @@ impl Generate {
         let shards = self.extent.shard_range(plan.layout.shard_count())?;
         let root = self.extent.dataset_root(&plan);
         let store = parse_address(&root)?;
-        let recorded = if self.overwrite { None } else { recorded_fidelity(&root) };
+        let set = plan.sensor_set();
+        if store.is_some() && set.is_some() {
+            let message = "the datasets of several sensors cannot be made in a store";
+            let help = "generate them into a folder, and copy that, for example with `aws s3 sync`";
+            return Err(user_error(message, help).into());
+        }
+        let begun = plan.dataset_folders(&root).swap_remove(0);
+        let recorded = if self.overwrite { None } else { recorded_fidelity(&begun) };
         if store.is_some() && plan.open_fidelity_choice().is_some() {
             let message = "a dataset in a store cannot leave its fidelity to be chosen";
             return Err(user_error(message, "name a level with --fidelity (gelsim tradeoff shows them)").into());
@@ -94,9 +103,12 @@ impl Generate {
                 watch,
             )
         };
-        let (result, signal) = run_interruptible(log, |watch| match &store {
-            None => generate(&plan, &request, watch),
-            Some(address) => in_store(address, watch),
+        // Their level may have been chosen meanwhile.
+        let set = plan.sensor_set();
+        let (result, signal) = run_interruptible(log, |watch| match (&store, &set) {
+            (Some(address), _) => in_store(address, watch),
+            (None, Some(members)) => generate_set(members, &request, watch),
+            (None, None) => generate(&plan, &request, watch),
         })?;
         match result {
             Ok(done) => {
@@ -127,8 +139,9 @@ impl Generate {
 
 /// Formats what a run made, and how many samples of it need a look.
 fn format_summary(done: &RunSummary, root: &str) -> String {
+    let of_sensors = if done.sensors > 1 { format!(" of {} sensors", done.sensors) } else { String::new() };
     let mut text = format!(
-        "{} samples in {} shard{}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
+        "{} samples{of_sensors} in {} shard{}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
         HumanCount(done.samples),
         done.shards,
         if done.shards == 1 { "" } else { "s" },
@@ -193,6 +206,7 @@ fn note_unmeasured_light(done: &RunSummary) -> Option<Diagnostic> {
 fn summarise_as_json(done: &RunSummary, root: &str) -> Value {
     json!({
         "out": root,
+        "sensors": done.sensors,
         "samples": done.samples,
         "rejected": done.rejected,
         "unhealthy": done.unhealthy,

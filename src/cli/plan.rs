@@ -47,7 +47,8 @@ impl Plan {
         self.overrides.report_notes(&foreseen.notes, Log::plain_text(self.quiet))?;
         let root = self.extent.dataset_root(&plan);
         let store = parse_address(&root)?;
-        let plan = settle_fidelity(plan, recorded_fidelity(&root), Log::plain_text(self.quiet))?;
+        let datasets = plan.dataset_folders(&root);
+        let plan = settle_fidelity(plan, recorded_fidelity(&datasets[0]), Log::plain_text(self.quiet))?;
         let count = plan.layout.shard_count();
         let shards = self.extent.shard_range(count)?.unwrap_or(0..count);
         let samples = shards.clone().map(|number| plan.layout.shard(number).samples).sum();
@@ -67,6 +68,9 @@ impl Plan {
         text += &format_effects(&forecast);
         text += &format_stages(&forecast);
         text += &format_totals(&forecast, load_s, &root, if store.is_some() { None } else { free_bytes(&root) });
+        if datasets.len() > 1 {
+            text += &format_set(&plan, &forecast, datasets.len() as u64);
+        }
         print_result(&text)
     }
 }
@@ -170,6 +174,18 @@ fn format_totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64
         let _ = write!(text, "\nlight  {note}");
     }
     text + "\n"
+}
+
+/// Formats what is made for all sensors of a set, of which the forecast is for the first.
+fn format_set(plan: &plan::Plan, forecast: &Forecast, sensors: u64) -> String {
+    format!(
+        "all    {} sensors: {} samples, about {}, at most {}\n       (the lines above are those of the first, {})\n",
+        HumanCount(sensors),
+        HumanCount(sensors * forecast.samples),
+        HumanBytes(sensors * forecast.bytes as u64),
+        HumanDuration(sensors as f64 * forecast.wall_s),
+        plan.job().sensor.name,
+    )
 }
 
 /// Time to load a job below which it is not mentioned, s.

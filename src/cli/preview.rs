@@ -134,6 +134,7 @@ impl Preview {
         }
         let plan = settle_fidelity(Plan::load(&self.source, &overrides)?, None, Log::plain_text(false))?;
         self.overrides.report_notes(&preview_job(&plan).notes, Log::plain_text(false))?;
+        Log::plain_text(false).print_notes(&plan.note_one_of_sensors());
         Ok(plan)
     }
 

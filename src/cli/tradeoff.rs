@@ -56,7 +56,7 @@ impl Tradeoff {
         set.extend(self.seed.map(|seed| (String::from("--seed"), format!("dataset.seed = {seed}"))));
         let plan = Plan::load(&self.job, &Overrides { set, fidelity: None })?;
         plan.require_one_sensor("tradeoff")?;
-        Log::plain_text(self.quiet).print_notes(&plan.notes);
+        Log::plain_text(self.quiet).print_notes(&plan.notes.clone().merged_with(plan.note_one_of_sensors()));
         let folder = self.out.unwrap_or_else(|| Path::new("out").join(format!("{}-tradeoff", plan.name())));
         if folder.exists() && !folder.is_dir() {
             let message = format!("{} is not a folder", folder.display());

@@ -6,6 +6,7 @@ use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::{Failure, print_result};
+use gelsim_dataset::sensor_set::list_dataset_folders;
 use gelsim_dataset::verify::{CheckLevel, DatasetFinding, list_remedy_commands, verify};
 
 /// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged
@@ -19,7 +20,7 @@ Example:
 
 Below what is wrong it names the commands that fix it; valid shards stay as they are.")]
 pub struct Verify {
-    /// The dataset's folder
+    /// The dataset's folder, or that of a set of sensors
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// Compare checksums only: as quick as the disk
@@ -36,29 +37,37 @@ pub(super) fn suggest_repair(root: &Path, findings: &[DatasetFinding]) -> String
 impl Verify {
     pub(super) fn run(self) -> Result<(), Failure> {
         let depth = if self.checksums { CheckLevel::Checksums } else { CheckLevel::Everything };
-        let verified = verify(&self.dir, depth)?;
-        let mut text: String = verified.findings.iter().map(|finding| format!("{finding}\n")).collect();
-        let count = verified.findings.len();
-        let [samples, shards] = [verified.samples, verified.shards].map(HumanCount);
-        text +=
-            &format!("{}: {samples} samples in {shards} shards, {}: ", self.dir.display(), HumanBytes(verified.bytes));
-        text += &match count {
-            0 => String::from("valid and complete\n"),
-            1 => String::from("1 thing is wrong\n"),
-            count => format!("{count} things are wrong\n"),
-        };
-        text += &match &verified.made_by {
-            None => suggest_repair(&self.dir, &verified.findings),
-            // This version's `generate` and `finalize` leave the folder as it is.
-            Some(version) => {
-                let who_fixes = if count == 0 { "" } else { ", and only it can fix them" };
-                format!(
-                    "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say{who_fixes}\n"
-                )
-            }
-        };
-        print_result(&text)?;
+        let mut is_valid = true;
+        for folder in list_dataset_folders(&self.dir)? {
+            is_valid &= verify_dataset(&folder, depth)?;
+        }
         // The findings were printed above.
-        if count == 0 { Ok(()) } else { Err(Failure::already_reported(1)) }
+        if is_valid { Ok(()) } else { Err(Failure::already_reported(1)) }
     }
+}
+
+/// Checks one dataset, prints what is wrong with it, and returns true if nothing is.
+fn verify_dataset(root: &Path, depth: CheckLevel) -> Result<bool, Failure> {
+    let verified = verify(root, depth)?;
+    let mut text: String = verified.findings.iter().map(|finding| format!("{finding}\n")).collect();
+    let count = verified.findings.len();
+    let [samples, shards] = [verified.samples, verified.shards].map(HumanCount);
+    text += &format!("{}: {samples} samples in {shards} shards, {}: ", root.display(), HumanBytes(verified.bytes));
+    text += &match count {
+        0 => String::from("valid and complete\n"),
+        1 => String::from("1 thing is wrong\n"),
+        count => format!("{count} things are wrong\n"),
+    };
+    text += &match &verified.made_by {
+        None => suggest_repair(root, &verified.findings),
+        // This version's `generate` and `finalize` leave the folder as it is.
+        Some(version) => {
+            let who_fixes = if count == 0 { "" } else { ", and only it can fix them" };
+            format!(
+                "made by gelsim {version}: whether job and descriptions fit the shards, only that version can say{who_fixes}\n"
+            )
+        }
+    };
+    print_result(&text)?;
+    Ok(count == 0)
 }

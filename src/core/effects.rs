@@ -115,6 +115,11 @@ pub struct EffectNote {
 }
 
 impl EffectLog {
+    /// Returns the log of the same effects without the time that they took.
+    pub(crate) fn without_seconds(self) -> Self {
+        Self { seconds: PerEffect::default(), ..self }
+    }
+
     /// Makes a log in which nothing has run yet.
     pub fn new(policy: EffectPolicy) -> Self {
         Self { policy, notes: PerEffect::default(), seconds: PerEffect::default() }

@@ -38,6 +38,7 @@ use crate::sensor::{Markers, Sensor};
 
 mod frames;
 mod prepare;
+mod together;
 
 /// A sensor prepared for presses: everything that is the same in every press, computed once.
 ///
@@ -132,6 +133,29 @@ struct CapturedContact {
     contact: Contact,
     /// The window in which the object was captured.
     window: CaptureWindow,
+}
+
+/// A pressed flat pad before the light: what sensors of one pad and view have in common.
+#[derive(Clone)]
+struct PressedPad {
+    depth: Depth,
+    contact: Contact,
+    /// How high above the undeformed pad the object was captured, mm.
+    above_mm: f64,
+    effects: EffectLog,
+    seconds: Seconds,
+}
+
+impl PressedPad {
+    /// Returns a copy for another sensor. What it took to compute is counted once.
+    fn for_another(&self) -> Self {
+        self.clone().into_another()
+    }
+
+    /// Returns this pad for another sensor, as [`PressedPad::for_another`] does.
+    fn into_another(self) -> Self {
+        Self { effects: self.effects.without_seconds(), seconds: Seconds::default(), ..self }
+    }
 }
 
 impl Simulator {
@@ -318,11 +342,17 @@ impl Simulator {
         if let Some(curved) = &self.curved {
             return self.press_curved_gel(curved, press, sliding);
         }
-        let Press { indenter, texture, material, markers, camera, .. } = press;
+        let pressed = self.press_pad(press, sliding.as_deref_mut());
+        self.light_pad(press, pressed, sliding.as_deref())
+    }
+
+    /// Captures the object, deforms the pad and moves it in its own plane: all of a press into a flat pad before the
+    /// light.
+    fn press_pad(&self, press: &Press, mut sliding: Option<&mut Sliding>) -> PressedPad {
+        let Press { indenter, texture, material, .. } = press;
         let mut clock = ThreadClock::start();
         let mut seconds = Seconds::default();
         let mut effects = EffectLog::new(self.policy);
-        let camera = camera.with_policy(self.policy);
 
         let negligible_mm = if let Pad::Elastic(pad) = &*self.pad { pad.negligible_mm() } else { 0.0 };
         let carried = sliding
@@ -354,17 +384,25 @@ impl Simulator {
         // The motion of the pad in its own plane, where something shows it.
         let (in_plane, load) = (self.in_plane.as_deref(), contact.load.as_ref());
         let (press_friction, shear) = (self.holding_friction(press), press.shear_with_friction());
-        let sliding = sliding.as_deref();
         contact.tangential = solve_tangential_motion(
             in_plane,
             &self.sensor.gelpad,
             (load, contact.strain_motion.as_ref()),
             press_friction,
             shear.as_ref(),
-            sliding,
+            sliding.as_deref(),
             &mut effects,
         );
         seconds.gelpad += clock.lap();
+        PressedPad { depth, contact, above_mm: window.above_mm, effects, seconds }
+    }
+
+    /// Takes the picture of a pressed pad: the light that its surface sends to the camera, markers and camera.
+    fn light_pad(&self, press: &Press, pressed: PressedPad, sliding: Option<&Sliding>) -> Impression {
+        let PressedPad { depth, contact, above_mm, mut effects, mut seconds } = pressed;
+        let Press { markers, camera, .. } = press;
+        let camera = camera.with_policy(self.policy);
+        let mut clock = ThreadClock::start();
 
         // The light that the surface sends to the camera.
         let light = self.shader.shade(&contact, &self.background, &mut effects);
@@ -384,7 +422,7 @@ impl Simulator {
 
         let lens = camera.lens(&self.view);
         let lamps = self.lamps.clone();
-        let (view, above_mm) = (self.view, window.above_mm);
+        let view = self.view;
         let sliding = sliding.map(|sliding| SlidingState {
             slip: sliding.slip(),
             wrench: sliding.wrench(),

@@ -13,13 +13,15 @@ use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::effects::PerEffect;
 use gelsim_files::exr::Exr;
 use gelsim_files::{exr, npy, png};
+use gelsim_job::config::output::{OnUnhealthy, Output};
 use gelsim_job::gripper::sequence::FingerSamples;
 use gelsim_job::gripper::{self, FINGER_NAMES};
 use gelsim_job::label::{Label, sample_key};
 use gelsim_job::layers::{LayerCoding, LayerForm, OutputLayer};
 use gelsim_job::plan::Plan;
-use gelsim_job::sample::{AcceptedSample, RejectedSample, Sample, accept_sample, render};
+use gelsim_job::sample::{AcceptedSample, RejectedSample, Sample, accept_sample, render, render_together};
 use gelsim_job::sequence::{self, SequenceEvent};
+use gelsim_job::steps::Steps;
 
 /// A sample that was made and encoded. Its images are not kept.
 pub struct EncodedSample {
@@ -88,6 +90,41 @@ pub fn make_sample(plan: &Plan, index: u64, keep: FrameStorage<'_>) -> Result<En
             gripper::sequence::accept_grip_sequence(plan, index, each)
         }),
     }
+}
+
+/// Makes sample `index` of several plans, each as [`make_sample`] does. If these are single presses of the same objects
+/// into sensors of the same pad and view, the contact is computed once, and layers that are the same are encoded once.
+///
+/// # Errors
+///
+/// As [`make_sample`], for the first plan that has one.
+pub fn make_samples(plans: &[&Plan], index: u64, keep: &[FrameStorage<'_>]) -> Result<Vec<EncodedSample>, SampleError> {
+    let are_pressed_once = |plan: &&Plan| {
+        let job = plan.job();
+        job.sequence.is_none() && job.gripper.is_none() && job.output.on_unhealthy != OnUnhealthy::Reject
+    };
+    match plans {
+        [_, _, ..] if plans.iter().all(are_pressed_once) => make_presses_together(plans, index),
+        _ => plans.iter().zip(keep).map(|(plan, keep)| make_sample(plan, index, *keep)).collect(),
+    }
+}
+
+fn make_presses_together(plans: &[&Plan], index: u64) -> Result<Vec<EncodedSample>, SampleError> {
+    let mut known = KnownLayers::default();
+    let mut encode = |plan: &Plan, sample: Sample| {
+        if !sample.label.health.healthy && plan.output().on_unhealthy == OnUnhealthy::Fail {
+            return Err(RejectedSample(Box::new(sample.label)).into());
+        }
+        let mut clock = ThreadClock::start();
+        let mut members = encode_layers_after(plan, &sample, Some(&mut known));
+        members.push(Member::new("json", to_json_line(&sample.label)));
+        let seconds = Seconds { encode: clock.lap(), ..sample.seconds };
+        let effects = sample.impression.effects.seconds;
+        Ok(EncodedSample { label: sample.label, rejected: Vec::new(), members, seconds, effects })
+    };
+    let mut samples = Vec::with_capacity(plans.len());
+    render_together(plans, index, |plan, sample| samples.push(encode(plan, sample)));
+    samples.into_iter().collect()
 }
 
 /// Makes a sample in memory as [`make_sample`] does. If no draw of it may go into a dataset, it is made from the first
@@ -214,21 +251,73 @@ pub fn encode_members(plan: &Plan, sample: &Sample) -> Vec<Member> {
     members
 }
 
+/// Layers of floats that were encoded for an earlier sensor.
+#[derive(Default)]
+struct KnownLayers(Vec<KnownLayer>);
+
+struct KnownLayer {
+    layer: OutputLayer,
+    values: Vec<f32>,
+    output: Output,
+    png16: Steps,
+    bytes: Vec<u8>,
+}
+
+impl KnownLayers {
+    /// Returns the layer of `sample` as it was encoded before, or encodes it.
+    fn encode(
+        &mut self,
+        plan: &Plan,
+        sample: &Sample,
+        layer: OutputLayer,
+        values: Vec<f32>,
+        encode: impl FnOnce(&[f32]) -> Vec<u8>,
+    ) -> Vec<u8> {
+        let is_same = |known: &KnownLayer| {
+            let bits = || known.values.iter().zip(&values).all(|(a, b)| a.to_bits() == b.to_bits());
+            known.layer == layer
+                && known.output == *plan.output()
+                && known.png16 == sample.label.png16
+                && known.values.len() == values.len()
+                && bits()
+        };
+        if let Some(known) = self.0.iter().find(|known| is_same(known)) {
+            return known.bytes.clone();
+        }
+        let bytes = encode(&values);
+        self.0.retain(|known| known.layer != layer);
+        let (output, png16) = (plan.output().clone(), sample.label.png16);
+        self.0.push(KnownLayer { layer, values, output, png16, bytes: bytes.clone() });
+        bytes
+    }
+}
+
 /// Encodes the tactile image and the layers.
 pub fn encode_layers(plan: &Plan, sample: &Sample) -> Vec<Member> {
+    encode_layers_after(plan, sample, None)
+}
+
+/// Encodes the tactile image and the layers; those that an earlier sensor has, too, are taken from `known`.
+fn encode_layers_after(plan: &Plan, sample: &Sample, mut known: Option<&mut KnownLayers>) -> Vec<Member> {
     let image = &sample.impression.image;
     let (width, height) = (image.width, image.height);
     let mut members = vec![Member::new("tactile.png", png::encode_rgb(width, height, &image.rgb))];
     for layer in &plan.layers() {
         let bytes = match layer_content(sample, *layer) {
-            LayerContent::Floats(values) => match layer.channels().len() {
-                0 | 1 => encode_float_layer(plan, sample, *layer, &[&values]),
-                count => {
-                    let plane = |k: usize| values.iter().skip(k).step_by(count).copied().collect();
-                    let planes: Vec<Vec<f32>> = (0..count).map(plane).collect();
-                    encode_float_layer(plan, sample, *layer, &planes.iter().map(Vec::as_slice).collect::<Vec<_>>())
+            LayerContent::Floats(values) => {
+                let encode = |values: &[f32]| match layer.channels().len() {
+                    0 | 1 => encode_float_layer(plan, sample, *layer, &[values]),
+                    count => {
+                        let plane = |k: usize| values.iter().skip(k).step_by(count).copied().collect();
+                        let planes: Vec<Vec<f32>> = (0..count).map(plane).collect();
+                        encode_float_layer(plan, sample, *layer, &planes.iter().map(Vec::as_slice).collect::<Vec<_>>())
+                    }
+                };
+                match &mut known {
+                    None => encode(&values),
+                    Some(known) => known.encode(plan, sample, *layer, values, encode),
                 }
-            },
+            }
             LayerContent::Bytes(bytes) => match layer.spec().form {
                 LayerForm::Rgb => png::encode_rgb(width, height, &bytes),
                 _ => png::encode_grey(width, height, &bytes),

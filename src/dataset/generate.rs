@@ -11,15 +11,15 @@ use std::io;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use rayon::prelude::*;
 
 use crate::cleanup::{self, DATA_FOLDER};
 use crate::dataset_error::DatasetError;
-use crate::encode::{EncodedSample, FrameStorage, SampleError, make_sample};
+use crate::encode::{EncodedSample, FrameStorage, SampleError, make_samples};
 use crate::finalize::{Finalized, finalize};
 use crate::folder::{check_still_ours, prepare_folder, recorded_samples};
 use crate::lock::Lock;
@@ -27,6 +27,7 @@ use crate::manifest::Manifest;
 use crate::mirror::StoreMirror;
 use crate::paths::ShardPaths;
 use crate::recorded::RecordedDataset;
+use crate::sensor_set;
 use crate::shard::ShardWriter;
 use crate::stats::{LightRange, ShardStats};
 use crate::verify::{CheckLevel, DatasetFinding, Remedy};
@@ -36,7 +37,7 @@ use gelsim_files::diagnostic::{Report, user_error};
 use gelsim_files::store::{Store, StoreFailure, find_store_error as store_said};
 use gelsim_job::config::output::Container;
 use gelsim_job::layout::Shard;
-use gelsim_job::plan::Plan;
+use gelsim_job::plan::{Plan, SetMember};
 use gelsim_job::sample::RejectedSample;
 
 /// What to generate, and where.
@@ -55,7 +56,9 @@ pub struct GenerateRequest {
 /// What a run has done.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunSummary {
-    /// Samples rendered.
+    /// Datasets: one, or one for each sensor of a set.
+    pub sensors: usize,
+    /// Samples rendered, those of all sensors.
     pub samples: u64,
     /// Shards written.
     pub shards: u64,
@@ -104,6 +107,21 @@ pub enum GenerateError {
     Interrupted,
 }
 
+impl RunSummary {
+    /// Adds a shard that this run has written.
+    fn count_shard(&mut self, stats: &ShardStats) {
+        self.shards += 1;
+        self.samples += stats.samples;
+        self.bytes += stats.bytes;
+        self.rejected += stats.rejected;
+        self.unhealthy += stats.unhealthy;
+        self.unconverged += stats.unconverged;
+        self.in_contact += stats.in_contact;
+        self.unplaced_objects += stats.unplaced_objects;
+        self.light.add(&stats.light);
+    }
+}
+
 impl From<DatasetError> for GenerateError {
     fn from(refused: DatasetError) -> Self {
         match refused {
@@ -138,12 +156,38 @@ pub struct ExpectedWork {
     pub skipped: u64,
 }
 
-/// Makes a sample of a plan: [`make_sample`], or a replacement in tests.
-type DrawSample = dyn Fn(&Plan, u64, FrameStorage<'_>) -> Result<EncodedSample, SampleError> + Sync;
+/// One dataset of a run: its plan, its folder, and the store that it is mirrored to.
+struct Target<'a> {
+    plan: &'a Plan,
+    root: PathBuf,
+    mirror: Option<StoreMirror<'a>>,
+}
+
+/// Makes sample `index` of several plans: [`make_samples`], or a replacement in tests.
+type DrawSamples = dyn Fn(&[&Plan], u64, &[FrameStorage<'_>]) -> Result<Vec<EncodedSample>, SampleError> + Sync;
+
+/// Most shards of a set that all threads together have open. Those of one thread share their contacts.
+const MAX_OPEN: usize = 256;
 
 /// Generates the dataset, or those shards of it that the request names.
 pub fn generate(plan: &Plan, request: &GenerateRequest, watch: &RunMonitor) -> Result<RunSummary, GenerateError> {
-    run_generation(plan, request, None, watch, &make_sample)
+    let target = Target { plan, root: request.root.clone(), mirror: None };
+    run_generation(&[target], request, watch, &make_samples)
+}
+
+/// Generates the datasets of several sensors, each into its folder below `request.root`, or those shards of all of them
+/// that the request names.
+pub fn generate_set(
+    members: &[SetMember],
+    request: &GenerateRequest,
+    watch: &RunMonitor,
+) -> Result<RunSummary, GenerateError> {
+    sensor_set::prepare_set_folder(&request.root, members, request.overwrite)?;
+    let targets: Vec<Target<'_>> = members
+        .iter()
+        .map(|member| Target { plan: &member.plan, root: request.root.join(&member.folder), mirror: None })
+        .collect();
+    run_generation(&targets, request, watch, &make_samples)
 }
 
 /// Generates the dataset into an object store. Paths in its job.toml are those of a dataset in the plan's default
@@ -160,27 +204,30 @@ pub fn generate_in_store(
         return Err(GenerateError::Usage(user_error(message, help)));
     }
     let mirror = StoreMirror::create(store, &request.root)?;
-    let here = GenerateRequest { root: mirror.root().to_owned(), ..request.clone() };
-    run_generation(plan, &here, Some(&mirror), watch, &make_sample).map_err(|error| match error {
+    let targets = [Target { plan, root: mirror.root().to_owned(), mirror: Some(mirror) }];
+    run_generation(&targets, request, watch, &make_samples).map_err(|error| match error {
         GenerateError::Io(_, error) if store_said(&error).is_some_and(|said| said.cause == StoreFailure::Stopped) => {
             GenerateError::Interrupted
         }
-        GenerateError::Usage(report) => mirror.with_store_address(DatasetError::Usage(report)).into(),
-        GenerateError::Io(path, error) => mirror.with_store_address(DatasetError::Io(path, error)).into(),
+        GenerateError::Usage(report) => with_store_address(&targets, DatasetError::Usage(report)).into(),
+        GenerateError::Io(path, error) => with_store_address(&targets, DatasetError::Io(path, error)).into(),
         other => other,
     })
 }
 
-fn run_generation(
-    plan: &Plan,
+/// Returns an error with addresses in the store in place of paths in the folders that mirror it.
+fn with_store_address(targets: &[Target<'_>], refused: DatasetError) -> DatasetError {
+    let mirrors = targets.iter().filter_map(|target| target.mirror.as_ref());
+    mirrors.fold(refused, |refused, mirror| mirror.with_store_address(refused))
+}
+
+/// Prepares the folder of a dataset. Returns its earlier number of samples, if it will have more.
+fn prepare_target(
+    target: &Target<'_>,
+    wanted: &Range<u64>,
     request: &GenerateRequest,
-    mirror: Option<&StoreMirror<'_>>,
-    watch: &RunMonitor,
-    draw: &DrawSample,
-) -> Result<RunSummary, GenerateError> {
-    let start = Instant::now();
-    let root = &request.root;
-    let wanted = request.shards.clone().unwrap_or(0..plan.layout.shard_count());
+) -> Result<Option<u64>, GenerateError> {
+    let Target { plan, root, mirror } = target;
     let grown_from = match mirror {
         None => prepare_folder(root, root, plan, request.overwrite)?,
         Some(mirror) => {
@@ -194,50 +241,96 @@ fn run_generation(
     };
     // This refuses a dataset that a newer gelsim has completed.
     read_versioned::<Manifest>(&root.join("dataset.json"))?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
-    let pool = pool.map_err(|error| GenerateError::Io(root.clone(), io::Error::other(error)))?;
+    Ok(grown_from)
+}
 
-    let mut done = RunSummary { grown_from, ..RunSummary::default() };
-    let mut missing = Vec::new();
-    // A mirror has only the lengths of shards.
-    let level = if mirror.is_some() { CheckLevel::Sizes } else { CheckLevel::Checksums };
-    let look = |number| {
-        let shard = plan.layout.shard(number);
+/// Shards of the same number that one thread writes together.
+struct ShardGroup {
+    shard: Shard,
+    /// Their datasets, as indices into the targets of the run.
+    targets: Vec<usize>,
+}
+
+/// A sample to make, for each of some targets.
+#[derive(Clone)]
+struct SampleRequest {
+    index: u64,
+    targets: Arc<[usize]>,
+}
+
+/// What became of a group of shards.
+#[derive(Default)]
+struct WrittenShards {
+    stats: Vec<ShardStats>,
+    /// Shards that other processes are writing.
+    held: Vec<String>,
+}
+
+fn run_generation(
+    targets: &[Target<'_>],
+    request: &GenerateRequest,
+    watch: &RunMonitor,
+    draw: &DrawSamples,
+) -> Result<RunSummary, GenerateError> {
+    let start = Instant::now();
+    let layout = &targets[0].plan.layout;
+    let wanted = request.shards.clone().unwrap_or(0..layout.shard_count());
+    let mut done = RunSummary { sensors: targets.len(), ..RunSummary::default() };
+    for target in targets {
+        let grown_from = prepare_target(target, &wanted, request)?;
+        done.grown_from = done.grown_from.or(grown_from);
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
+    let pool = pool.map_err(|error| GenerateError::Io(request.root.clone(), io::Error::other(error)))?;
+
+    let look = |(number, target): (u64, &Target<'_>)| {
+        let shard = layout.shard(number);
+        // A mirror has only the lengths of shards.
+        let level = if target.mirror.is_some() { CheckLevel::Sizes } else { CheckLevel::Checksums };
         let stop = watch.stop.load(Ordering::Relaxed);
-        if stop { Err(GenerateError::Interrupted) } else { Ok((shard, find_shard(plan, root, &shard, level)?)) }
+        if stop { Err(GenerateError::Interrupted) } else { find_shard(target.plan, &target.root, &shard, level) }
     };
-    let found: Vec<(Shard, ShardState)> =
-        pool.install(|| wanted.clone().into_par_iter().map(look).collect::<Result<_, _>>())?;
-    for (shard, state) in found {
-        match state {
-            ShardState::Valid(_) => done.skipped += 1,
-            ShardState::Missing => missing.push(shard),
-            ShardState::Damaged => {
-                done.damaged.push(shard.name());
-                missing.push(shard);
+    let places: Vec<(u64, &Target<'_>)> =
+        wanted.clone().flat_map(|number| targets.iter().map(move |target| (number, target))).collect();
+    let found: Vec<ShardState> = pool.install(|| places.into_par_iter().map(look).collect::<Result<_, _>>())?;
+    let together = (MAX_OPEN / pool.current_num_threads()).max(1);
+    let mut missing = Vec::new();
+    for (number, states) in wanted.clone().zip(found.chunks(targets.len())) {
+        let shard = layout.shard(number);
+        let mut lacking = Vec::new();
+        for (target, state) in states.iter().enumerate() {
+            match state {
+                ShardState::Valid(_) => done.skipped += 1,
+                ShardState::Missing => lacking.push(target),
+                ShardState::Damaged => {
+                    done.damaged.push(name_in_set(targets, target, &shard.name()));
+                    lacking.push(target);
+                }
             }
         }
+        missing.extend(lacking.chunks(together).map(|targets| ShardGroup { shard, targets: targets.to_vec() }));
     }
-    let samples = missing.iter().map(|shard| shard.samples).sum();
+    let samples = missing.iter().map(|group| group.shard.samples * group.targets.len() as u64).sum();
+    let shards = missing.iter().map(|group| group.targets.len() as u64).sum();
     // No other thread sets it, so this cannot fail.
-    let _ = watch.expected.set(ExpectedWork { samples, shards: missing.len() as u64, skipped: done.skipped });
+    let _ = watch.expected.set(ExpectedWork { samples, shards, skipped: done.skipped });
 
-    let run = GenerationRun { plan, root, mirror, watch, draw, failed: AtomicBool::new(false) };
-    let workers = Workers::new(missing, pool.current_num_threads());
+    let run = GenerationRun { targets, watch, draw, failed: AtomicBool::new(false) };
+    let largest = missing.iter().map(|group| group.targets.len()).max().unwrap_or(1);
+    let workers = Workers::new(missing, pool.current_num_threads(), largest);
     let results = pool.broadcast(|_| {
         let mut written = Vec::new();
         while let Some(claim) = workers.claim_shard() {
             if run.failed.load(Ordering::Relaxed) {
                 break;
             }
-            let result = run.write_shard(&claim);
+            let result = run.write_shards(&claim);
             // One failed shard stops the others. A shard that another process is writing does not.
-            run.failed.fetch_or(!matches!(result, Ok(_) | Err(GenerateError::Held(_))), Ordering::Relaxed);
-            watch.written.fetch_add(u64::from(result.is_ok()), Ordering::Relaxed);
+            run.failed.fetch_or(result.is_err(), Ordering::Relaxed);
             written.push(result);
         }
         // Threads without a shard of their own help those that have one.
-        workers.help_others(|index| run.encode_sample(index));
+        workers.help_others(|request| run.encode_samples(&request));
         written
     });
 
@@ -245,18 +338,10 @@ fn run_generation(
     let mut error = None;
     for result in results.into_iter().flatten() {
         match result {
-            Ok(stats) => {
-                done.shards += 1;
-                done.samples += stats.samples;
-                done.bytes += stats.bytes;
-                done.rejected += stats.rejected;
-                done.unhealthy += stats.unhealthy;
-                done.unconverged += stats.unconverged;
-                done.in_contact += stats.in_contact;
-                done.unplaced_objects += stats.unplaced_objects;
-                done.light.add(&stats.light);
+            Ok(written) => {
+                written.stats.iter().for_each(|stats| done.count_shard(stats));
+                held.extend(written.held);
             }
-            Err(GenerateError::Held(names)) => held.extend(names),
             // Report the cause, not the interruptions that followed from it in other threads.
             Err(GenerateError::Interrupted) => error = Some(error.unwrap_or(GenerateError::Interrupted)),
             Err(cause) => error = Some(cause),
@@ -266,30 +351,52 @@ fn run_generation(
         return Err(stopped);
     }
     // This is done also if another process holds a shard: the process that finishes last completes the dataset.
-    if let Some(mirror) = mirror {
-        mirror.refresh(&plan.layout)?;
-    }
-    let finalized = finalize(&RecordedDataset::new(root, plan.job().clone()), CheckLevel::Sizes)?;
-    done.complete = matches!(finalized, Finalized::Valid { .. });
-    if let Some(mirror) = mirror.filter(|_| done.complete) {
-        mirror.push_descriptions()?;
-    }
-    let findings = match finalized {
-        Finalized::Valid { .. } => Vec::new(),
-        Finalized::Invalid(findings) => findings,
-    };
-    if findings.iter().any(|finding| matches!(finding.remedy, Remedy::Remove(_))) {
-        return Err(GenerateError::Invalid(findings));
+    done.complete = true;
+    for target in targets {
+        done.complete &= finish_dataset(target, &wanted, &held)?;
     }
     if !done.complete && !held.is_empty() {
         held.sort();
         return Err(GenerateError::Held(held));
     }
+    done.seconds = start.elapsed().as_secs_f64();
+    Ok(done)
+}
+
+/// Returns the name of something of a target in messages: in a set it stands behind its folder.
+fn name_in_set(targets: &[Target<'_>], target: usize, name: &str) -> String {
+    match targets[target].root.file_name().filter(|_| targets.len() > 1) {
+        Some(folder) => format!("{}/{name}", folder.display()),
+        None => name.to_owned(),
+    }
+}
+
+/// Completes a dataset if all its shards are there, and returns whether they are. `held` are shards of any dataset that
+/// other processes are writing.
+fn finish_dataset(target: &Target<'_>, wanted: &Range<u64>, held: &[String]) -> Result<bool, GenerateError> {
+    let Target { plan, root, mirror } = target;
+    if let Some(mirror) = mirror {
+        mirror.refresh(&plan.layout)?;
+    }
+    let finalized = finalize(&RecordedDataset::new(root, plan.job().clone()), CheckLevel::Sizes)?;
+    let findings = match finalized {
+        Finalized::Valid { .. } => {
+            mirror.as_ref().map_or(Ok(()), StoreMirror::push_descriptions)?;
+            return Ok(true);
+        }
+        Finalized::Invalid(findings) => findings,
+    };
+    if findings.iter().any(|finding| matches!(finding.remedy, Remedy::Remove(_))) {
+        return Err(GenerateError::Invalid(findings));
+    }
+    if !held.is_empty() {
+        return Ok(false);
+    }
     // What this run has just written or read exists. If it is found missing now, it cannot be read, which is an error,
     // unless another run has made the dataset larger meanwhile.
     let container = plan.output().container;
     let files = |shard: Shard| [container.relative_path(&shard), format!("stats/{}.json", shard.name())];
-    let ours: HashSet<String> = wanted.flat_map(|number| files(plan.layout.shard(number))).collect();
+    let ours: HashSet<String> = wanted.clone().flat_map(|number| files(plan.layout.shard(number))).collect();
     // The folders exist, too: one that cannot be listed may hold something that belongs to no shard.
     let is_ours = |finding: &DatasetFinding| {
         matches!(&*finding.file, "job.toml" | "data" | "stats") || ours.contains(&finding.file)
@@ -299,8 +406,7 @@ fn run_generation(
     {
         return Err(GenerateError::Io(root.join(file), io::Error::other(what)));
     }
-    done.seconds = start.elapsed().as_secs_f64();
-    Ok(done)
+    Ok(false)
 }
 
 /// The state of a shard on disk.
@@ -334,25 +440,64 @@ fn read_versioned<T: Versioned>(path: &Path) -> Result<Option<T>, GenerateError>
 
 /// What all threads of a run share.
 struct GenerationRun<'a> {
-    plan: &'a Plan,
-    root: &'a Path,
-    mirror: Option<&'a StoreMirror<'a>>,
+    targets: &'a [Target<'a>],
     watch: &'a RunMonitor,
-    draw: &'a DrawSample,
+    draw: &'a DrawSamples,
     /// Whether a thread has failed.
     failed: AtomicBool,
 }
 
+/// What comes of a request for a sample: one for each of its targets.
+type EncodedSamples = Result<Vec<EncodedSample>, GenerateError>;
+
 impl GenerationRun<'_> {
-    fn write_shard(
+    fn write_shards(
         &self,
-        claim: &ShardClaim<'_, Shard, Result<EncodedSample, GenerateError>>,
-    ) -> Result<ShardStats, GenerateError> {
-        let Self { plan, root, mirror, .. } = *self;
-        let shard = &claim.shard;
+        claim: &ShardClaim<'_, ShardGroup, SampleRequest, EncodedSamples>,
+    ) -> Result<WrittenShards, GenerateError> {
+        let ShardGroup { shard, targets } = &claim.shard;
+        let mut result = WrittenShards::default();
+        let mut open = Vec::new();
+        for number in targets {
+            match self.open_shard(*number, shard)? {
+                OpenShard::Open(writer) => open.push((*number, *writer)),
+                OpenShard::Valid(stats) => result.stats.push(*stats),
+                OpenShard::Held(holder) => result.held.push(holder),
+            }
+        }
+        self.watch.written.fetch_add(result.stats.len() as u64, Ordering::Relaxed);
+        if open.is_empty() {
+            return Ok(result);
+        }
+        let together: Arc<[usize]> = open.iter().map(|(number, _)| *number).collect();
+        let indices = self.targets[0].plan.layout.sample_indices(*shard);
+        let requests = indices.map(|index| SampleRequest { index, targets: Arc::clone(&together) }).collect();
+        let write = |samples: EncodedSamples| -> Result<(), GenerateError> {
+            for ((_, ShardInProgress { writer, partial, .. }), sample) in open.iter_mut().zip(samples?) {
+                writer
+                    .append(&sample.label.header.key, &sample.members)
+                    .map_err(|error| GenerateError::Io(partial.clone(), error))?;
+                writer.stats.count_sample(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
+            }
+            Ok(())
+        };
+        claim.make_in_order(requests, |request| self.encode_samples(&request), write)?;
+        for (number, ShardInProgress { writer, partial, paths, older }) in open {
+            let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
+            if let Some(mirror) = &self.targets[number].mirror {
+                mirror.push_shard(&paths, &stats, older)?;
+            }
+            Step::ShardDone.pause_if_requested(&partial);
+            self.watch.written.fetch_add(1, Ordering::Relaxed);
+            result.stats.push(stats);
+        }
+        Ok(result)
+    }
+
+    /// Begins a shard of a target, unless it is there or another process is writing it.
+    fn open_shard(&self, number: usize, shard: &Shard) -> Result<OpenShard, GenerateError> {
+        let Target { plan, root, mirror } = &self.targets[number];
         let paths = ShardPaths::new(root, shard, plan.output().container);
-        let partial = paths.partial.clone();
-        let io = |error| GenerateError::Io(partial.clone(), error);
         let lock = {
             // Under the dataset's lock: a run that replaces the dataset either finds this shard locked, or has done so
             // before and is found out below.
@@ -368,7 +513,8 @@ impl GenerationRun<'_> {
         let lock = match lock {
             Ok(lock) => lock,
             Err(holder) => {
-                return Err(GenerateError::Held(vec![format!("{} is being written by {holder}", shard.name())]));
+                let name = name_in_set(self.targets, number, &shard.name());
+                return Ok(OpenShard::Held(format!("{name} is being written by {holder}")));
             }
         };
         Step::ShardLocked.pause_if_requested(&paths.data);
@@ -376,41 +522,50 @@ impl GenerationRun<'_> {
         if mirror.is_none()
             && let ShardState::Valid(stats) = find_shard(plan, root, shard, CheckLevel::Checksums)?
         {
-            return Ok(*stats);
+            return Ok(OpenShard::Valid(stats));
         }
-        let older = paths.stats.exists();
-        let mut writer = ShardWriter::create(paths.clone(), lock, shard, &plan.fingerprint).map_err(io)?;
-        let write = |sample: Result<EncodedSample, GenerateError>| -> Result<(), GenerateError> {
-            let sample = sample?;
-            writer.append(&sample.label.header.key, &sample.members).map_err(io)?;
-            writer.stats.count_sample(&sample.label, sample.rejected, &sample.seconds, &sample.effects);
-            Ok(())
-        };
-        claim.make_in_order(plan.layout.sample_indices(*shard).collect(), |index| self.encode_sample(index), write)?;
-        let stats = writer.finish().map_err(|(path, error)| GenerateError::Io(path, error))?;
-        if let Some(mirror) = mirror {
-            mirror.push_shard(&paths, &stats, older)?;
-        }
-        Step::ShardDone.pause_if_requested(&partial);
-        Ok(stats)
+        let (partial, older) = (paths.partial.clone(), paths.stats.exists());
+        let writer = ShardWriter::create(paths.clone(), lock, shard, &plan.fingerprint)
+            .map_err(|error| GenerateError::Io(partial.clone(), error))?;
+        Ok(OpenShard::Open(Box::new(ShardInProgress { writer, partial, paths, older })))
     }
 
-    fn encode_sample(&self, index: u64) -> Result<EncodedSample, GenerateError> {
+    fn encode_samples(&self, request: &SampleRequest) -> EncodedSamples {
+        let SampleRequest { index, targets } = request;
         let stop = || self.watch.stop.load(Ordering::Relaxed) || self.failed.load(Ordering::Relaxed);
         if stop() {
             return Err(GenerateError::Interrupted);
         }
-        let keep = FrameStorage::OnDisk { folder: &self.root.join(DATA_FOLDER), stop: &stop };
+        let plans: Vec<&Plan> = targets.iter().map(|number| self.targets[*number].plan).collect();
+        let folders: Vec<PathBuf> = targets.iter().map(|number| self.targets[*number].root.join(DATA_FOLDER)).collect();
+        let keep: Vec<FrameStorage<'_>> =
+            folders.iter().map(|folder| FrameStorage::OnDisk { folder, stop: &stop }).collect();
         // A panic leaves nothing changed outside, so that unwinding is safe.
-        let made = catch_unwind(AssertUnwindSafe(|| (self.draw)(self.plan, index, keep)));
-        self.watch.rendered.fetch_add(1, Ordering::Relaxed);
-        let made = made.map_err(|panic| GenerateError::Panicked(index, panic_message(&*panic)))?;
+        let made = catch_unwind(AssertUnwindSafe(|| (self.draw)(&plans, *index, &keep)));
+        self.watch.rendered.fetch_add(plans.len() as u64, Ordering::Relaxed);
+        let made = made.map_err(|panic| GenerateError::Panicked(*index, panic_message(&*panic)))?;
         made.map_err(|error| match error {
             SampleError::Rejected(rejected) => GenerateError::Unhealthy(rejected),
             SampleError::Io(path, error) => GenerateError::Io(path, error),
             SampleError::Stopped => GenerateError::Interrupted,
         })
     }
+}
+
+/// A shard that is being written.
+struct ShardInProgress {
+    writer: ShardWriter,
+    partial: PathBuf,
+    paths: ShardPaths,
+    /// Whether there were stats of it before.
+    older: bool,
+}
+
+/// What is found where a shard should be written.
+enum OpenShard {
+    Open(Box<ShardInProgress>),
+    Valid(Box<ShardStats>),
+    Held(String),
 }
 
 /// Returns the message of a panic.
@@ -443,11 +598,12 @@ mod tests {
         let root = folder.path().join("out");
         for threads in [1, 4] {
             let request = GenerateRequest { root: root.clone(), shards: None, threads: Some(threads), overwrite: true };
-            let broken = |plan: &Plan, index: u64, keep: FrameStorage<'_>| match index {
+            let broken = |plans: &[&Plan], index: u64, keep: &[FrameStorage<'_>]| match index {
                 27 => panic!("injected"),
-                _ => make_sample(plan, index, keep),
+                _ => make_samples(plans, index, keep),
             };
-            match run_generation(&plan, &request, None, &RunMonitor::default(), &broken) {
+            let targets = [Target { plan: &plan, root: root.clone(), mirror: None }];
+            match run_generation(&targets, &request, &RunMonitor::default(), &broken) {
                 Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),
                 other => panic!("{other:?}"),
             }

@@ -26,6 +26,7 @@ pub mod mirror;
 pub mod paths;
 pub mod recorded;
 mod self_hash;
+pub mod sensor_set;
 pub mod shard;
 pub mod spool;
 pub mod stats;

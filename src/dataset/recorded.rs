@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::archive::{MemberHead, SampleFiles};
 use super::paths::ShardPaths;
+use super::sensor_set::SensorSet;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostics, Report};
 use gelsim_files::store::StoreAddress;
@@ -61,6 +62,11 @@ impl RecordedDataset {
             ));
         }
         let path = root.join("job.toml");
+        if let (false, Some(set)) = (path.exists(), SensorSet::find(root).ok().flatten()) {
+            let message = format!("{} is a set of {} sensors, each a dataset", root.display(), set.sensors.len());
+            let first = root.join(&set.sensors[0].folder);
+            return Err(user_error(message, format!("name the folder of one of them, such as {}", first.display())));
+        }
         if !path.exists() {
             let message = format!("{} is no dataset: there is no job.toml in it", root.display());
             return Err(user_error(

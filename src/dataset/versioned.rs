@@ -47,7 +47,7 @@ pub trait Versioned: DeserializeOwned {
         /// The fields that every version has.
         #[derive(Deserialize)]
         struct Header {
-            #[serde(alias = "stats_version", alias = "manifest_version")]
+            #[serde(alias = "stats_version", alias = "manifest_version", alias = "set_version")]
             version: u64,
             generator: Value,
         }

@@ -12,25 +12,25 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 /// Samples of a shard, per thread, that may be rendered ahead of a slow one. They wait for it in memory.
 const AHEAD: usize = 4;
 
-/// The threads of a run and the work left for them. `S` is a shard, `T` a sample that was made.
-pub struct Workers<S, T> {
-    left: Mutex<WorkState<S, T>>,
+/// The threads of a run and the work left for them. `S` is a shard, `I` says what to make of it, and `T` was made.
+pub struct Workers<S, I, T> {
+    left: Mutex<WorkState<S, I, T>>,
     /// Notified whenever the state has changed.
     changed: Condvar,
     ahead: usize,
 }
 
-struct WorkState<S, T> {
+struct WorkState<S, I, T> {
     unclaimed: VecDeque<S>,
     /// Shards that are being written, by the number of their claim.
-    claimed: BTreeMap<usize, ShardQueue<T>>,
+    claimed: BTreeMap<usize, ShardQueue<I, T>>,
     claims: usize,
 }
 
 /// The samples of a shard that a thread is writing.
-struct ShardQueue<T> {
-    /// Their indices, once they may be rendered.
-    samples: Option<Vec<u64>>,
+struct ShardQueue<I, T> {
+    /// What says which they are, once they may be rendered.
+    samples: Option<Vec<I>>,
     handed_out: usize,
     written: usize,
     /// Samples that wait for earlier ones, by their place in the shard.
@@ -38,18 +38,18 @@ struct ShardQueue<T> {
 }
 
 /// A sample that a thread has to make.
-struct SampleTask {
+struct SampleTask<I> {
     claim: usize,
     place: usize,
-    index: u64,
+    item: I,
 }
 
-impl<T> ShardQueue<T> {
-    fn hand_out(&mut self, claim: usize, ahead: usize) -> Option<SampleTask> {
+impl<I: Clone, T> ShardQueue<I, T> {
+    fn hand_out(&mut self, claim: usize, ahead: usize) -> Option<SampleTask<I>> {
         let place = self.handed_out;
-        let index = *self.samples.as_ref()?.get(place).filter(|_| place < self.written + ahead)?;
+        let item = self.samples.as_ref()?.get(place).filter(|_| place < self.written + ahead)?.clone();
         self.handed_out += 1;
-        Some(SampleTask { claim, place, index })
+        Some(SampleTask { claim, place, item })
     }
 
     /// Returns true if all samples are handed out.
@@ -58,15 +58,20 @@ impl<T> ShardQueue<T> {
     }
 }
 
-impl<S, T> Workers<S, T> {
-    /// Makes the state for a run of `threads` threads that writes `shards`.
-    pub fn new(shards: Vec<S>, threads: usize) -> Self {
+impl<S, I: Clone, T> Workers<S, I, T> {
+    /// Makes the state for a run of `threads` threads that writes `shards`, at most `together` of which are written at
+    /// once by a thread.
+    pub fn new(shards: Vec<S>, threads: usize, together: usize) -> Self {
         let left = WorkState { unclaimed: shards.into(), claimed: BTreeMap::new(), claims: 0 };
-        Self { left: Mutex::new(left), changed: Condvar::new(), ahead: AHEAD * threads.max(1) }
+        Self {
+            left: Mutex::new(left),
+            changed: Condvar::new(),
+            ahead: AHEAD.div_ceil(together.max(1)) * threads.max(1),
+        }
     }
 
     /// Claims the next shard that has no owner for this thread. Returns `None` if there is none.
-    pub fn claim_shard(&self) -> Option<ShardClaim<'_, S, T>> {
+    pub fn claim_shard(&self) -> Option<ShardClaim<'_, S, I, T>> {
         let mut left = self.lock_state();
         let shard = left.unclaimed.pop_front()?;
         left.claims += 1;
@@ -76,33 +81,34 @@ impl<S, T> Workers<S, T> {
     }
 
     /// Makes samples of other threads' shards, until all of them are made or being made.
-    pub fn help_others(&self, make: impl Fn(u64) -> T) {
-        let task = |left: &mut WorkState<S, T>| {
+    pub fn help_others(&self, make: impl Fn(I) -> T) {
+        let task = |left: &mut WorkState<S, I, T>| {
             // The oldest claim comes first, so that its shard is finished soon.
             let task = left.claimed.iter_mut().find_map(|(claim, line)| line.hand_out(*claim, self.ahead));
             let nothing_comes = || left.claimed.values().all(ShardQueue::is_handed_out);
             if task.is_some() || nothing_comes() { ControlFlow::Break(task) } else { ControlFlow::Continue(()) }
         };
         while let Some(task) = self.wait_for(task) {
-            self.hand_in(&task, make(task.index));
+            let SampleTask { claim, place, item } = task;
+            self.hand_in(claim, place, make(item));
         }
     }
 
-    fn hand_in(&self, task: &SampleTask, made: T) {
+    fn hand_in(&self, claim: usize, place: usize, made: T) {
         self.change_state(|left| {
             // The owner may have given up after an error; the sample is then dropped.
-            let line = left.claimed.get_mut(&task.claim);
-            line.map(|line| line.ready.insert(task.place, made));
+            let line = left.claimed.get_mut(&claim);
+            line.map(|line| line.ready.insert(place, made));
         });
     }
 
-    fn change_state(&self, how: impl FnOnce(&mut WorkState<S, T>)) {
+    fn change_state(&self, how: impl FnOnce(&mut WorkState<S, I, T>)) {
         how(&mut self.lock_state());
         self.changed.notify_all();
     }
 
     /// Waits until `look` finds something in the state, and returns it.
-    fn wait_for<R>(&self, mut look: impl FnMut(&mut WorkState<S, T>) -> ControlFlow<R>) -> R {
+    fn wait_for<R>(&self, mut look: impl FnMut(&mut WorkState<S, I, T>) -> ControlFlow<R>) -> R {
         let mut left = self.lock_state();
         loop {
             match look(&mut left) {
@@ -113,46 +119,46 @@ impl<S, T> Workers<S, T> {
     }
 
     /// Locks the state, even if a thread has panicked: none panics between two changes that belong together.
-    fn lock_state(&self) -> MutexGuard<'_, WorkState<S, T>> {
+    fn lock_state(&self) -> MutexGuard<'_, WorkState<S, I, T>> {
         self.left.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// A shard that this thread owns as long as the claim lives.
-pub struct ShardClaim<'a, S, T> {
-    workers: &'a Workers<S, T>,
+pub struct ShardClaim<'a, S, I: Clone, T> {
+    workers: &'a Workers<S, I, T>,
     /// The shard.
     pub shard: S,
     number: usize,
 }
 
 /// What the owner of a shard does next.
-enum NextStep<T> {
-    Make(SampleTask),
+enum NextStep<I, T> {
+    Make(SampleTask<I>),
     Write(T),
     Nothing,
 }
 
-impl<S, T> ShardClaim<'_, S, T> {
+impl<S, I: Clone, T> ShardClaim<'_, S, I, T> {
     /// Makes `samples`, with the help of other threads, and gives them to `write` in order. Stops at the first error of
     /// `write`.
     pub fn make_in_order<E>(
         &self,
-        samples: Vec<u64>,
-        make: impl Fn(u64) -> T,
+        samples: Vec<I>,
+        make: impl Fn(I) -> T,
         mut write: impl FnMut(T) -> Result<(), E>,
     ) -> Result<(), E> {
         self.workers.change_state(|left| self.shard_queue(left).samples = Some(samples));
         loop {
             match self.next_step() {
                 NextStep::Write(made) => write(made)?,
-                NextStep::Make(task) => self.workers.hand_in(&task, make(task.index)),
+                NextStep::Make(SampleTask { claim, place, item }) => self.workers.hand_in(claim, place, make(item)),
                 NextStep::Nothing => return Ok(()),
             }
         }
     }
 
-    fn next_step(&self) -> NextStep<T> {
+    fn next_step(&self) -> NextStep<I, T> {
         let next = self.workers.wait_for(|left| {
             let line = self.shard_queue(left);
             if let Some(made) = line.ready.remove(&line.written) {
@@ -172,12 +178,12 @@ impl<S, T> ShardClaim<'_, S, T> {
         next
     }
 
-    fn shard_queue<'l>(&self, left: &'l mut WorkState<S, T>) -> &'l mut ShardQueue<T> {
+    fn shard_queue<'l>(&self, left: &'l mut WorkState<S, I, T>) -> &'l mut ShardQueue<I, T> {
         left.claimed.get_mut(&self.number).expect("it is there while the claim lives")
     }
 }
 
-impl<S, T> Drop for ShardClaim<'_, S, T> {
+impl<S, I: Clone, T> Drop for ShardClaim<'_, S, I, T> {
     fn drop(&mut self) {
         self.workers.change_state(|left| drop(left.claimed.remove(&self.number)));
     }
@@ -194,7 +200,7 @@ mod tests {
     /// place.
     /// Returns what every shard got, in order, and how many samples were made by threads that do not own its shard.
     fn run(counts: &[u64], threads: usize, make: &(dyn Fn(u64) -> u64 + Sync)) -> (Vec<Vec<u64>>, usize) {
-        let workers = Workers::new((0..counts.len()).collect(), threads);
+        let workers = Workers::new((0..counts.len()).collect(), threads, 1);
         let written: Vec<Mutex<Vec<u64>>> = counts.iter().map(|_| Mutex::default()).collect();
         let helped = AtomicUsize::new(0);
         scope(|scope| {
@@ -261,7 +267,7 @@ mod tests {
 
     #[test]
     fn who_helps_waits_for_no_shard_that_was_given_up() {
-        let workers = Workers::<_, u64>::new(vec!["held", "broken"], 2);
+        let workers = Workers::<_, _, u64>::new(vec!["held", "broken"], 2, 1);
         scope(|scope| {
             let held = workers.claim_shard().expect("a shard");
             let broken = workers.claim_shard().expect("another one");

@@ -301,6 +301,14 @@ impl Report {
         self
     }
 
+    /// Returns a report with the messages of both, without those of `other` that are in this one.
+    pub fn merged_with_new(self, other: &Self) -> Self {
+        let is_new = |problem: &&Diagnostic| self.problems.iter().all(|known| known.message != problem.message);
+        let problems = other.problems.iter().filter(is_new).cloned().collect();
+        let sources = other.sources.clone();
+        self.merged_with(Self { problems, sources })
+    }
+
     /// Returns the report with `from` replaced by `to` in all messages, helps and names of sources.
     pub fn with_replaced_text(mut self, from: &str, to: &str) -> Self {
         for problem in &mut self.problems {

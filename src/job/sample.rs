@@ -11,7 +11,7 @@ use crate::scene::Scene;
 use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::grid::Grid;
 use gelsim_core::impression::Impression;
-use gelsim_core::simulator::Simulator;
+use gelsim_core::simulator::{Press, Simulator};
 
 /// A rendered sample.
 pub struct Sample {
@@ -58,6 +58,46 @@ pub fn press(plan: &Plan, scene: &Scene) -> Sample {
 /// Renders and labels a press with the simulator of its sensor.
 pub fn press_with_simulator(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>) -> Sample {
     let impression = simulator.press_with(&scene.to_press(plan));
+    label_press(plan, scene, simulator, impression)
+}
+
+/// Renders sample `index` of several plans that press the same objects, each as [`render`] does, and calls `each` with
+/// the plan and its sample, in order. What is pressed into sensors of the same pad and view is drawn, and its contact
+/// computed, once.
+pub fn render_together(plans: &[&Plan], index: u64, mut each: impl FnMut(&Plan, Sample)) {
+    let mut drawn: Vec<(Scene, Arc<Simulator>)> = Vec::with_capacity(plans.len());
+    let mut seconds = Vec::with_capacity(plans.len());
+    for plan in plans {
+        let mut clock = ThreadClock::start();
+        // The sensor of this draw alone says whether an earlier scene fits.
+        let known = drawn.iter().zip(plans).find_map(|((scene, simulator), known)| {
+            let presses_same = known.presses_like(plan) && simulator.models() == plan.simulator.models();
+            let scene = presses_same.then(|| scene.seen_by_sensor(plan))?;
+            let own = scene.simulator(plan);
+            own.shares_contact(simulator).then_some((scene, own))
+        });
+        drawn.push(known.unwrap_or_else(|| {
+            let scene = Scene::draw_pressed(plan, index, 0);
+            let simulator = scene.simulator(plan);
+            (scene, simulator)
+        }));
+        seconds.push(clock.lap());
+    }
+    let presses: Vec<Press> = drawn.iter().zip(plans).map(|((scene, _), plan)| scene.to_press(plan)).collect();
+    let pressed: Vec<(&Simulator, &Press)> =
+        drawn.iter().zip(&presses).map(|((_, simulator), press)| (&**simulator, press)).collect();
+    let mut scenes = plans.iter().zip(&drawn).zip(seconds);
+    Simulator::try_press_together(&pressed, |impression| {
+        if let Some(((plan, (scene, simulator)), seconds)) = scenes.next() {
+            let mut sample = label_press(plan, scene, Arc::clone(simulator), impression);
+            sample.seconds.scene += seconds;
+            each(plan, sample);
+        }
+    })
+    .unwrap_or_else(|error| panic!("{error}"));
+}
+
+fn label_press(plan: &Plan, scene: &Scene, simulator: Arc<Simulator>, impression: Impression) -> Sample {
     let mut clock = ThreadClock::start();
     let several = !scene.other_objects.is_empty();
     let numbered = several.then(|| impression.instance_mask(&scene.outlines(), &scene.plane));

@@ -25,7 +25,6 @@ use gelsim_core::gelpad::object_material::ObjectMaterial;
 use gelsim_core::gelpad::tangential::Shear;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{PadPlane, Pose, Side};
-use gelsim_core::sensor::Background;
 use gelsim_core::simulator::{Press, Simulator};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::sensor::quantity::Quantity;
@@ -247,7 +246,7 @@ impl Scene {
     /// draws. The depth is not set.
     pub fn seen_from_finger(&self, right: &Plan) -> Self {
         // The right finger draws from streams of its own, since the two are different sensors.
-        let seed = rng::random_stream(right.seed(), "right finger", 0).next_bits();
+        let seed = rng::random_stream(right.sensor_seed(), "right finger", 0).next_bits();
         let redrawn = rng::redraw_index(self.index, self.attempt);
         let finger = SensorDraw::draw(right, |name| rng::random_stream(seed, name, redrawn));
         let Motion { shift_mm: [x, y], twist_rad, about_mm } = self.motion;
@@ -263,6 +262,15 @@ impl Scene {
             unit_key: finger.unit_key,
             ..self.clone()
         }
+    }
+
+    /// Returns the same press as another sensor sees it, with what that sensor's own plan draws of markers, camera and
+    /// unit. The two sensors must have the same pad and view.
+    pub fn seen_by_sensor(&self, other: &Plan) -> Self {
+        let redrawn = rng::redraw_index(self.index, self.attempt);
+        let drawn = SensorDraw::draw(other, |name| rng::random_stream(other.sensor_seed(), name, redrawn));
+        let SensorDraw { markers, camera, sensor, unit_key } = drawn;
+        Self { markers, camera, sensor, unit_key, ..self.clone() }
     }
 
     /// Returns the scene with the object's lowest point this deep below the undeformed pad, mm; negative above it.
@@ -316,7 +324,9 @@ impl Scene {
             twist_rad: draw("twist", &shear.twist_deg).to_radians(),
             about_mm: [pose.translation_mm.x, pose.translation_mm.y],
         };
-        let SensorDraw { markers, camera, sensor, unit_key } = SensorDraw::draw(plan, stream);
+        let redrawn = rng::redraw_index(index, attempt);
+        let SensorDraw { markers, camera, sensor, unit_key } =
+            SensorDraw::draw(plan, |name| rng::random_stream(plan.sensor_seed(), name, redrawn));
         let clusters = number.map(|number| Arc::clone(&plan.sampling.objects[number].clusters));
         Self {
             index,
@@ -389,15 +399,7 @@ impl Scene {
     /// otherwise it shares with that what both have in common.
     pub fn simulator(&self, plan: &Plan) -> Arc<Simulator> {
         let Some(drawn) = &self.sensor else { return Arc::clone(&plan.simulator) };
-        let nominal = plan.simulator.sensor();
-        let mut sensor = drawn.numbers.to_simulator_sensor(plan.job.markers.as_ref(), &plan.job.camera);
-        sensor.relaxation.clone_from(&nominal.relaxation);
-        sensor.calibration = nominal.calibration.clone();
-        sensor.rest_surface = nominal.rest_surface.clone();
-        if let Some(photograph) = plan.sensors.photographs.get(drawn.photograph) {
-            sensor.background = Background::Photograph(Arc::clone(&photograph.image));
-        }
-        Arc::new(plan.simulator.variant(sensor))
+        Arc::new(plan.simulator_of(drawn))
     }
 
     /// Converts to the press that the simulator renders.

@@ -1008,6 +1008,16 @@ def others(output):
 
 OTHERS_FIGURES = [Figures("evidence/performance", OTHERS, Table("| program | CPU ms an image |", "l t"), others, needs=("numpy", "cv2"))]
 
+SET_FIGURES = [
+    Figures(
+        "how-to/sensor-sets",
+        "python tests/bench/sensor_sets.py target/release/gelsim",
+        Sentence("100 such units of `gelsight-mini` take {} of the CPU time of 100 jobs"),
+        lambda output: one(output, "the set takes {} of it"),
+        tolerance=0.03,
+    )
+]
+
 MEASURED = [
     *ACCURACY_FIGURES,
     *TRADEOFF_FIGURES,
@@ -1020,4 +1030,5 @@ MEASURED = [
     *OTHER_FIGURES,
     *STABILITY_FIGURES,
     *OTHERS_FIGURES,
+    *SET_FIGURES,
 ]

@@ -37,6 +37,7 @@ mod render;
 mod report;
 mod resume;
 mod schema;
+mod sensor_sets;
 mod sequences;
 mod several;
 mod terminal;

@@ -159,6 +159,12 @@ def datasets(folder: Path) -> None:
     deepest: gelsim.Dataset[float] = gelsim.load(done.path, transform=deepest_mm)
     depths: list[float] = list(deepest)
     assert len(depths) == 4 and min(depths) > 0.3
+    gelsim.generate(path, folder / "set", set={"sensors": {"from": ["digit", "tactip"]}, "output.layers": ["depth"]}, threads=1)
+    both: gelsim.Dataset[gelsim.Sample] = gelsim.load(folder / "set", "test")
+    assert isinstance(both, gelsim.SensorSet) and list(both.sensors) == ["digit", "tactip"] and both.set["paired"]
+    pairs: gelsim.Pairs[gelsim.Sample] = both.pairs()
+    assert len(both) == 4 and len(pairs) == 2 and [each.name for each in pairs.sensors] == ["surface-digit", "surface-tactip"]
+    assert [each["label"]["sensor"]["name"] for each in pairs[0]] == ["digit", "tactip"]
     arrays = gelsim.collate(samples)
     assert isinstance(arrays["tactile"], np.ndarray) and arrays["tactile"].shape == (4, 24, 32, 3)
     try:

@@ -106,6 +106,7 @@ ELSEWHERE = {
     ),
     "python docs/first-hour/train.py out/objects": ("PyTorch", ".ci/run"),
     "python tests/bench/accuracy.py target/release/gelsim": ("minutes", "tests/bench/figures.py"),
+    "python tests/bench/sensor_sets.py target/release/gelsim": ("a minute", "tests/bench/figures.py"),
     "python tests/bench/figures.py target/release/gelsim": ("minutes", ".ci/run"),
     "bash python/wheels.sh": ("minutes", ".ci/run"),
     "cargo publish --dry-run --locked --workspace": ("minutes", ".ci/run"),

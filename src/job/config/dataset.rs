@@ -15,6 +15,10 @@ pub struct Dataset {
     pub samples: Option<u64>,
     /// Seed from which all randomness comes, 0 to 2^53 - 1.
     pub seed: u64,
+    /// Seed of what belongs to the sensor and not to the press, such as noise, markers and what `[sensor.unit]` draws;
+    /// `seed` if left out. Jobs with one `seed` and different ones of these press the same objects in the same way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor_seed: Option<u64>,
     /// Samples in a full shard, 1 to 1,000,000.
     pub samples_per_shard: u64,
     /// Fraction of the samples in each split; the fractions sum to 1.
@@ -31,6 +35,7 @@ impl Default for Dataset {
             name: None,
             samples: None,
             seed: 0,
+            sensor_seed: None,
             samples_per_shard: 100,
             splits: Splits { train: 1.0, val: 0.0, test: 0.0 },
             split_by: SplitBy::default(),

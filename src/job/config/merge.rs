@@ -11,6 +11,7 @@ use gelsim_files::sensor;
 use gelsim_files::source::SourceSpan;
 
 use super::document::{self, Document, TomlNode, TomlValue};
+use super::sensors::Sensors;
 use super::{guesses, random, reader};
 
 /// A file with a `[sensor]` table that was read and merged, and the places of its keys.
@@ -29,6 +30,8 @@ pub struct MergedDocument<T> {
     pub right_finger: Option<(T, Document)>,
     /// The presets, if it names several.
     pub presets: Option<random::SensorPresets>,
+    /// The same file with each further sensor of `[sensors]`.
+    pub further_sensors: Vec<Self>,
 }
 
 /// Reads `text` as a `T`. The assignments `set` (flag and assignment each) are merged over it, and the sensor that it
@@ -50,6 +53,7 @@ pub fn read_merged<T: DeserializeOwned + Default>(
             other_presets: Vec::new(),
             right_finger: None,
             presets: None,
+            further_sensors: Vec::new(),
         };
     }
     merge_document(document, set, problems)
@@ -62,6 +66,23 @@ pub(super) fn merge_document<T: DeserializeOwned + Default>(
 ) -> MergedDocument<T> {
     for (flag, assignment) in set {
         apply_override(&mut document, flag, assignment, problems);
+    }
+    let mut further = Vec::new();
+    for mut own in Sensors::split_document(&mut document, problems) {
+        // Documents of one job know all texts read so far, since places refer to texts by their index.
+        own.sources.clone_from(&document.sources);
+        let (value, sensor_known) = read_with_sensor(&mut own, problems);
+        document.sources.clone_from(&own.sources);
+        further.push(MergedDocument {
+            value,
+            document: own,
+            broken: false,
+            sensor_known,
+            other_presets: Vec::new(),
+            right_finger: None,
+            presets: None,
+            further_sensors: Vec::new(),
+        });
     }
     let right = split_right_finger(&mut document);
     let several = random::SensorPresets::take_from(&mut document, problems).unwrap_or_default();
@@ -87,7 +108,16 @@ pub(super) fn merge_document<T: DeserializeOwned + Default>(
             presets = Some(of_preset);
         }
     }
-    MergedDocument { value, document, broken: false, sensor_known, other_presets: others, right_finger: right, presets }
+    MergedDocument {
+        value,
+        document,
+        broken: false,
+        sensor_known,
+        other_presets: others,
+        right_finger: right,
+        presets,
+        further_sensors: further,
+    }
 }
 
 /// Splits off the document of the right finger, if a gripper has a sensor for it. Its `[sensor]` is the table

@@ -20,6 +20,7 @@ pub mod output;
 pub mod random;
 mod reader;
 pub mod scene;
+pub mod sensors;
 pub mod sequence;
 mod synonyms;
 mod syntax_help;
@@ -60,6 +61,9 @@ pub struct Job {
     pub dataset: dataset::Dataset,
     /// The sensor.
     pub sensor: Sensor,
+    /// Several sensors under the same presses, each with a dataset of its own; without it there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensors: Option<sensors::Sensors>,
     /// The objects.
     #[schemars(required)]
     pub object: Vec<object::Object>,
@@ -228,6 +232,8 @@ pub struct ParsedJob {
     pub other_presets: Vec<(Job, Document)>,
     /// The job with the sensor of a gripper's right finger, if it names one.
     pub right_finger: Option<(Job, Document)>,
+    /// The job with each further sensor of `[sensors]`.
+    pub further_sensors: Vec<Self>,
 }
 
 /// Reads the job file at `path` with `overrides` merged over it.
@@ -324,6 +330,7 @@ fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &
         other_presets: others,
         right_finger: right,
         presets,
+        further_sensors,
     } = merged;
     if !broken {
         match overrides.fidelity {
@@ -347,5 +354,14 @@ fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &
         let jobs = others.iter_mut().map(|(job, _)| job);
         jobs.chain([&mut job]).for_each(fill_friction_from_sensor);
     }
-    ParsedJob { job, document, broken, sensor_known, other_presets: others, right_finger: right }
+    let further = further_sensors.into_iter().map(|further| to_parsed_job(further, overrides, problems)).collect();
+    ParsedJob {
+        job,
+        document,
+        broken,
+        sensor_known,
+        other_presets: others,
+        right_finger: right,
+        further_sensors: further,
+    }
 }

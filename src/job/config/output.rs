@@ -7,7 +7,7 @@ use crate::layers::{DepthFormat, OutputLayer};
 use gelsim_files::exr::Exr;
 
 /// The `[output]` table.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Output {
     /// Layers that are written beside the tactile image.

@@ -82,7 +82,7 @@ impl<'de> Deserialize<'de> for Count {
 }
 
 /// The `[pose]` table. The frame is the camera's: x right, y down, z out of the pad towards the object.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Pose {
     /// Side of the object that faces the pad, in the object's own axes.
@@ -210,7 +210,7 @@ impl Face {
 }
 
 /// The `[indentation]` table.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Indentation {
     /// Depth of the object below the undeformed pad, mm; 0 to the pad's thickness.

@@ -7,7 +7,7 @@ use gelsim_core::depth::patterns::Procedural;
 use gelsim_files::sensor::quantity::Quantity;
 
 /// The `[texture]` table.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schemars(rename = "Texture")]
 pub struct TextureDistribution {

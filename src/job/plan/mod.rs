@@ -41,6 +41,7 @@ mod paths;
 mod presets;
 pub mod ranges;
 mod remedies;
+mod sensor_set;
 pub mod sensors;
 mod sequence;
 mod several_objects;
@@ -57,6 +58,7 @@ use notes::SensorRole;
 use object_sampler::ObjectSampler;
 pub use objects::{PreparedObject, make_unique_ids};
 use presets::resolve_other_presets;
+pub use sensor_set::SetMember;
 use sensors::SensorSampling;
 
 /// Everything on which a sample depends, resolved and checked. A clone shares all large data.
@@ -89,6 +91,8 @@ pub struct Plan {
     other_sensors: Vec<Self>,
     /// Plan with the sensor of a gripper's right finger, if that has one of its own.
     right_finger: Option<Box<Self>>,
+    /// Plans with the further sensors of `[sensors]`.
+    further_sensors: Vec<Self>,
 }
 
 /// What samples are drawn from: the contents of the files that a job names.
@@ -142,12 +146,35 @@ impl Plan {
         Self::resolve_in(Scope::Objects, written, problems)
     }
 
-    fn resolve_in(scope: Scope, written: ParsedJob, mut problems: Diagnostics) -> Result<Self, Report> {
-        let ParsedJob { mut job, document, broken, sensor_known, other_presets: others, right_finger: right } = written;
-        if broken {
-            return Err(Report::new(&problems, &document.sources));
+    fn resolve_in(scope: Scope, mut written: ParsedJob, mut problems: Diagnostics) -> Result<Self, Report> {
+        // All documents of a job number their sources in the same way, and the first one has all.
+        let sources = written.document.sources.clone();
+        let further = std::mem::take(&mut written.further_sensors);
+        let first = Self::resolve_one(scope, written, &mut problems);
+        let further = further.into_iter().map(|written| Self::resolve_one(scope, written, &mut problems));
+        // All are resolved, so that all mistakes are found.
+        let further: Vec<Option<Self>> = further.collect();
+        match (first, further.into_iter().collect::<Option<Vec<Self>>>()) {
+            (Some(first), Some(further)) => Ok(first.with_further_sensors(further)),
+            _ => Err(Report::new(&problems, &sources)),
         }
-        let mut check = JobChecker { document: &document, problems: &mut problems };
+    }
+
+    /// Resolves the job with one of its sensors. Errors go to `problems`; after one, `None` is returned.
+    fn resolve_one(scope: Scope, written: ParsedJob, problems: &mut Diagnostics) -> Option<Self> {
+        let ParsedJob {
+            mut job,
+            document,
+            broken,
+            sensor_known,
+            other_presets: others,
+            right_finger: right,
+            further_sensors: _,
+        } = written;
+        if broken {
+            return None;
+        }
+        let mut check = JobChecker { document: &document, problems: &mut *problems };
         // The job's optics count as its own only if they differ from the level's.
         let of_level = job_fidelity(&job).models(job.sensor.light_source()).optics;
         let optics_named = job.optics.as_ref().is_some_and(|own| *own != of_level);
@@ -177,6 +204,7 @@ impl Plan {
         materials::check_materials(&mut check, &job);
         curved::check_curved_job(&mut check, &job, scope);
         strain::check_strain(&mut check, &job, scope);
+        sensor_set::check_sensors(&mut check, &mut job);
         // If units do not differ, their standard deviations do not belong to the job.
         job.sensor.unit = job.sensor.unit.take().filter(|unit| unit.variation != 0.0);
         let sensor = build_sensor(&mut check, &mut job);
@@ -187,7 +215,7 @@ impl Plan {
             gripper.right = Some(Box::new(right.job.sensor_with_camera()));
             gripper.right_random = right.job.random.clone();
         }
-        let mut check = JobChecker { document: &document, problems: &mut problems };
+        let mut check = JobChecker { document: &document, problems: &mut *problems };
         let textures = files::load_textures(&mut check, "texture", &mut job.texture);
         let mut notes = Diagnostics::default();
         notes.extend(unused::note_unused_object_keys(&job, &document));
@@ -206,13 +234,14 @@ impl Plan {
         let (Some((objects, draw)), Some((sensor, photographs, background_note)), true) =
             (found, sensor, problems.is_empty())
         else {
-            return Err(Report::new(&problems, &document.sources));
+            return None;
         };
         notes.extend(background_note);
         notes.extend(gel::note_coarse_gel(&job.sensor));
+        let has_several_sensors = job.sensors.as_ref().is_some_and(|sensors| sensors.from.len() > 1);
         let whose = match scope {
             Scope::Frames => SensorRole::Frames,
-            _ if !others.is_empty() => SensorRole::Presets,
+            _ if !others.is_empty() || has_several_sensors => SensorRole::Presets,
             _ => SensorRole::Job,
         };
         notes.extend(notes::collect_job_notes(&job, whose, |key| document.place_of(key)));
@@ -244,12 +273,13 @@ impl Plan {
             shadows_named,
             other_sensors: Vec::new(),
             right_finger: None,
+            further_sensors: Vec::new(),
             job,
         };
         let right = right.map(|right| Box::new(right.into_plan(&plan)));
         let plan = Self { right_finger: right, ..plan };
         let others = others.into_iter().map(|other| other.into_plan(&plan)).collect();
-        Ok(Self { other_sensors: others, ..plan })
+        Some(Self { other_sensors: others, ..plan })
     }
 
     /// Returns the job.
@@ -281,6 +311,11 @@ impl Plan {
     /// Returns the seed of all randomness.
     pub fn seed(&self) -> u64 {
         self.job.dataset.seed
+    }
+
+    /// Returns the seed of what belongs to the sensor and not to the press.
+    pub fn sensor_seed(&self) -> u64 {
+        self.job.dataset.sensor_seed.unwrap_or(self.job.dataset.seed)
     }
 
     /// Returns what is written of a sample.
@@ -381,7 +416,7 @@ impl Plan {
         if self.other_sensors.is_empty() {
             return self;
         }
-        let number = random_stream(self.seed(), "sensor preset", redraw_index(index, attempt))
+        let number = random_stream(self.sensor_seed(), "sensor preset", redraw_index(index, attempt))
             .uniform_below(1 + self.other_sensors.len());
         if number == 0 { self } else { &self.other_sensors[number - 1] }
     }

@@ -102,7 +102,10 @@ fn normalise_shares(mut shares: [f64; 3]) -> [f64; 3] {
 /// Checks `[dataset] seed`. Readers of JSON may take it for a float, so it must be a whole number that a float holds
 /// exactly.
 pub fn check_seed(check: &mut JobChecker<'_>, job: &Job) {
-    check.require_in_range("dataset.seed", job.dataset.seed as f64, 0.0..=9_007_199_254_740_991.0, "");
+    for (key, seed) in [("dataset.seed", Some(job.dataset.seed)), ("dataset.sensor_seed", job.dataset.sensor_seed)] {
+        let seed = seed.unwrap_or_default() as f64;
+        check.require_in_range(key, seed, 0.0..=9_007_199_254_740_991.0, "");
+    }
 }
 
 /// Checks `[sensor]`.

@@ -78,6 +78,7 @@ impl Plan {
     fn map_sensors(&self, change: &impl Fn(&Self) -> Self) -> Self {
         let others = self.other_sensors.iter().map(|other| other.map_sensors(change)).collect();
         let right = self.right_finger.as_ref().map(|right| Box::new(right.map_sensors(change)));
-        Self { other_sensors: others, right_finger: right, ..change(self) }
+        let further = self.further_sensors.iter().map(|further| further.map_sensors(change)).collect();
+        Self { other_sensors: others, right_finger: right, further_sensors: further, ..change(self) }
     }
 }

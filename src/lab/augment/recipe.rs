@@ -187,6 +187,7 @@ fn resolve_recipe(
             sensor_known,
             other_presets: Vec::new(),
             right_finger: None,
+            further_sensors: Vec::new(),
         };
         let plan = match Plan::resolve_objects(counterparts, before) {
             Ok(plan) => plan,

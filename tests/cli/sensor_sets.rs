@@ -1,0 +1,238 @@
+//! The same presses under several sensors: each dataset is the one that its own job would give, pairs are the same press, nothing
+//! depends on threads, division or what was there before, and what is said of mistakes.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use serde_json::Value;
+
+use crate::support::{Folder, JOB, assert_same_files, edited};
+
+/// Two units each of two flat sensors of one size, and one of a third; what is drawn of a sensor differs.
+const SENSORS: &str = "
+[sensors]
+from = [\"gelsight-mini\", \"gelsight-2017\"]
+count = 2
+
+[sensor.unit]
+gelpad_thickness = 0.0
+gelpad_youngs_modulus = 0.0
+
+[camera]
+read_noise_levels = 2.0
+
+[texture]
+patterns = [\"knurled\"]
+amplitude_mm = [0.0, 0.05]
+
+[shear]
+x_mm = [-0.2, 0.2]
+";
+
+fn job() -> String {
+    edited(
+        &format!("{JOB}{SENSORS}"),
+        &[
+            ("resolution_px = [48, 36]", "resolution_px = [48, 36]\nfield_of_view_mm = [16.0, 12.0]"),
+            ("layers = [\"depth\", \"contact\"]", "layers = [\"depth\", \"contact\", \"flow\"]"),
+        ],
+    )
+}
+
+fn folders(folder: &Folder, root: &str) -> Vec<String> {
+    let set: Value = serde_json::from_str(&folder.read(&format!("{root}/sensors.json"))).expect("JSON");
+    let sensors = set["sensors"].as_array().expect("a list");
+    sensors.iter().map(|entry| entry["folder"].as_str().expect("a name").to_owned()).collect()
+}
+
+/// The files of a set that must be the same however it was made.
+fn lasting(folder: &Folder, root: &str) -> BTreeMap<String, Vec<u8>> {
+    let mut files = folder.files(root);
+    files.retain(|name, _| !name.contains("/stats/"));
+    files
+}
+
+/// Each dataset of the set, generated again from its own job.toml, has the same shards.
+fn assert_each_is_its_own_jobs(folder: &Folder, root: &str) {
+    for name in folders(folder, root) {
+        folder.succeed(&format!("generate {root}/{name}/job.toml --quiet --out alone-{name}"));
+        assert_same_files(&folder.files(&format!("{root}/{name}/data")), &folder.files(&format!("alone-{name}/data")));
+    }
+}
+
+#[test]
+fn each_dataset_is_that_of_its_own_job_and_a_sample_is_one_press() {
+    let folder = Folder::with_job(&job());
+    let said = folder.succeed("generate job.toml --out set --threads 3");
+    assert!(said.contains("32 samples of 4 sensors in 16 shards"), "{said}");
+    let names = folders(&folder, "set");
+    assert_eq!(names, ["gelsight-mini-0000", "gelsight-mini-0001", "gelsight-2017-0000", "gelsight-2017-0001"]);
+    assert_each_is_its_own_jobs(&folder, "set");
+    let labels = names.iter().map(|name| folder.labels(&format!("set/{name}"))).collect::<Vec<_>>();
+    for (key, first) in &labels[0] {
+        for other in &labels[1..] {
+            for part in ["object", "pose", "indentation_depth_mm", "texture", "split", "seed"] {
+                assert_eq!(first[part], other[key][part], "{part} of {key}");
+            }
+        }
+        // Units have the pad of their kind, and a light of their own.
+        assert_eq!(labels[0][key]["contact"], labels[1][key]["contact"]);
+        assert_ne!(labels[0][key]["sensor"], labels[1][key]["sensor"]);
+    }
+    let pictures = names.iter().map(|name| folder.samples(&format!("set/{name}"))).collect::<Vec<_>>();
+    for (key, files) in &pictures[0] {
+        assert_eq!(files["depth.exr"], pictures[1][key]["depth.exr"]);
+        assert_ne!(files["tactile.png"], pictures[1][key]["tactile.png"]);
+    }
+}
+
+#[test]
+fn curved_sensors_sequences_and_presses_by_force_are_those_of_their_own_jobs() {
+    let small = "samples = 3\nseed = 7\nsamples_per_shard = 2";
+    let few = edited(JOB, &[("samples = 8\nseed = 7\nsamples_per_shard = 3", small)]);
+    let force = edited(&few, &[("depth_mm = { log_uniform = [0.3, 1.2] }\nno_contact = 0.25", "force_n = [0.2, 1.0]")]);
+    let slide = edited(
+        &few,
+        &[(
+            "[indentation]\ndepth_mm = { log_uniform = [0.3, 1.2] }\nno_contact = 0.25",
+            "[sequence]\nframe_rate_hz = 10.0\n[[sequence.phase]]\nname = \"press\"\nduration_s = 0.2\ndepth_mm = 0.5",
+        )],
+    );
+    for (text, from) in
+        [(&few, r#""tactip", "geltip", "digit""#), (&force, r#""digit", "digit""#), (&slide, r#""digit", "digit""#)]
+    {
+        let folder = Folder::with_job(&format!("{text}[sensors]\nfrom = [{from}]\n"));
+        folder.succeed("generate job.toml --quiet --out set");
+        assert_each_is_its_own_jobs(&folder, "set");
+    }
+}
+
+#[test]
+fn nothing_depends_on_threads_or_division_and_a_set_goes_on_where_it_stopped() {
+    let folder = Folder::with_job(&job());
+    folder.succeed("generate job.toml --quiet --out one --threads 1");
+    folder.succeed("generate job.toml --quiet --out four --threads 4");
+    for part in [1, 0] {
+        folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2"));
+    }
+    let finalized = folder.stdout_of("finalize parts");
+    assert_eq!(finalized.matches(": finalized").count(), 4, "{finalized}");
+    let whole = lasting(&folder, "one");
+    assert_same_files(&whole, &lasting(&folder, "four"));
+    assert_same_files(&whole, &lasting(&folder, "parts"));
+    // One shard of one sensor is lost, another one damaged.
+    fs::remove_file(folder.path("four/gelsight-mini-0001/stats/train-000001.json")).expect("it was there");
+    folder.write("four/gelsight-2017-0000/data/val-000000.tar", "no tar");
+    assert!(folder.stdout_of("verify four").contains("four/gelsight-2017-0001: 8 samples in 4 shards"));
+    folder.gelsim("verify four").assert().code(1);
+    let said = folder.succeed("generate job.toml --out four");
+    assert!(said.contains("in 2 shards") && said.contains("14 shards were there already"), "{said}");
+    assert!(said.contains("gelsight-2017-0000/val-000000"), "{said}");
+    assert_same_files(&whole, &lasting(&folder, "four"));
+    folder.gelsim("verify four").assert().success();
+}
+
+#[test]
+fn a_set_grows_by_units_sensors_and_samples() {
+    let folder = Folder::with_job(&job());
+    folder.succeed("generate job.toml --quiet --out set");
+    let before = folder.files("set");
+    let more = edited(&job(), &[("count = 2", "count = 3"), ("from = [", "from = [\"digit\", ")]);
+    folder.write("more.toml", &more);
+    let said = folder.succeed("generate more.toml --out set");
+    assert!(said.contains("16 shards were there already"), "{said}");
+    let after = folder.files("set");
+    let data = |name: &&String| name.contains("/data/");
+    assert!(before.keys().filter(data).all(|name| before[name] == after[name]));
+    folder.succeed("generate more.toml --quiet --out set --samples 10");
+    folder.gelsim("verify set").assert().success();
+    // Fewer sensors are another set.
+    let said = folder.fail("generate job.toml --out set", 2);
+    assert!(said.contains("holds a set with 5 sensors that this job has not, the first digit-0000"), "{said}");
+    folder.succeed("generate job.toml --quiet --out set --overwrite");
+    assert_same_files(&before.into_iter().filter(|(name, _)| data(&name)).collect(), &{
+        let mut files = folder.files("set");
+        files.retain(|name, _| data(&name));
+        files
+    });
+    folder.gelsim("verify set").assert().success();
+}
+
+#[test]
+fn unpaired_sensors_feel_presses_of_their_own() {
+    let folder = Folder::with_job(&format!("{JOB}[sensors]\ncount = 2\npaired = false\n"));
+    folder.succeed("generate job.toml --quiet --out set");
+    let names = folders(&folder, "set");
+    let [one, other] = [0, 1].map(|k| folder.labels(&format!("set/{}", names[k])));
+    assert!(one.keys().all(|key| one[key]["pose"] != other[key]["pose"]));
+    assert_each_is_its_own_jobs(&folder, "set");
+}
+
+#[test]
+fn folders_of_datasets_and_of_others_are_no_sets() {
+    let folder = Folder::with_job(&job());
+    folder.write("small.toml", JOB);
+    folder.succeed("generate small.toml --quiet --out small");
+    let said = folder.fail("generate job.toml --out small", 2);
+    assert!(said.contains("small holds a dataset of one sensor"), "{said}");
+    fs::create_dir(folder.path("mine")).expect("a folder");
+    folder.write("mine/notes.txt", "notes");
+    let said = folder.fail("generate job.toml --out mine", 2);
+    assert!(said.contains("mine is not empty and holds no set of gelsim"), "{said}");
+    folder.succeed("generate job.toml --quiet --out set");
+    let said = folder.fail("generate small.toml --out set", 2);
+    assert!(said.contains("set is not empty and holds no dataset of gelsim"), "{said}");
+    for command in ["report set", "reproduce set 0"] {
+        let said = folder.fail(command, 2);
+        assert!(said.contains("set is a set of 4 sensors, each a dataset"), "{said}");
+        assert!(said.contains("such as set/gelsight-mini-0000"), "{said}");
+    }
+    folder.write("set/sensors.json", r#"{ "set_version": 99, "generator": "9.1.0", "sensors": [] }"#);
+    let said = folder.fail("generate job.toml --out set", 2);
+    assert!(said.contains("was written by gelsim 9.1.0, which is newer than this one"), "{said}");
+}
+
+#[test]
+fn mistakes_are_found_before_anything_is_made() {
+    let with = |sensors: &str| format!("{JOB}\n{sensors}\n");
+    let cases = [
+        ("[sensors]", "[sensors] names no sensors"),
+        ("[sensors]\nfrom = []", "the list of sensors is empty"),
+        ("[sensors]\ncount = 0", "count = 0 is out of range"),
+        ("[sensors]\ncount = 1001", "count = 1001 is out of range"),
+        ("[sensors]\nfrom = [\"digits\"]", "no sensor preset is called `digits`"),
+        ("[sensors]\nfrom = [\"gone.toml\"]", "cannot read the sensor file gone.toml"),
+        ("[sensors]\nfrom = \"digit\"", "expected a list"),
+        ("[sensors]\nfrom = [3]", "expected text in quotes"),
+    ];
+    for (sensors, expected) in cases {
+        let folder = Folder::with_job(&with(sensors));
+        let said = folder.fail("generate job.toml --out set", 2);
+        assert!(said.contains(expected) && said.matches("error:").count() == 1, "{sensors}: {said}");
+        assert!(!folder.path("set").exists());
+    }
+    let others = [
+        ("resolution_px = [48, 36]", "preset = \"digit\"", "both `sensor.preset` and `sensors.from` name the sensor"),
+        ("[output]", "[output]\non_unhealthy = \"reject\"", "samples that one sensor draws again are no pairs"),
+    ];
+    for (from, to, expected) in others {
+        let text = edited(&with("[sensors]\nfrom = [\"digit\"]\ncount = 2"), &[(from, to)]);
+        let folder = Folder::with_job(&text);
+        let said = folder.fail("generate job.toml --out set", 2);
+        assert!(said.contains(expected), "{said}");
+    }
+    // Mistakes of several sensors, and of the job itself, come together and once.
+    let several = with("[sensors]\nfrom = [\"digit\", \"gone.toml\", \"nope\"]");
+    let folder = Folder::with_job(&edited(&several, &[("no_contact = 0.25", "no_contact = 2.5")]));
+    let said = folder.fail("generate job.toml --out set", 2);
+    assert_eq!(said.matches("error:").count(), 3, "{said}");
+}
+
+#[test]
+fn commands_for_one_sensor_say_which_one_they_show() {
+    let folder = Folder::with_job(&job());
+    let said = folder.succeed("preview job.toml --out sheet.png --count 2");
+    assert!(said.contains("the job has 4 sensors; this shows gelsight-mini"), "{said}");
+    let plan = folder.stdout_of("plan job.toml --quiet");
+    assert!(plan.contains("all    4 sensors: 32 samples"), "{plan}");
+}
