@@ -10,8 +10,8 @@ use clap::Args;
 use super::Failure;
 use gelsim_files::diagnostic::user_error;
 
-/// Copy a dataset to LeRobot, Zarr or HDF5. The Python module does it: this command starts its `gelsim-export` with the
-/// same arguments.
+/// Copy a dataset to LeRobot, Zarr, HDF5 or a layout that tactile encoders read. The Python module does it: this command
+/// starts its `gelsim-export` with the same arguments.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -21,7 +21,7 @@ Example:
 
 `gelsim-export --help` lists its arguments.")]
 pub struct Export {
-    /// The arguments of gelsim-export: DIR --to lerobot|zarr|hdf5 --out OUT
+    /// The arguments of gelsim-export: DIR --to FORMAT --out OUT
     #[arg(required = true, value_name = "ARGUMENT", trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<OsString>,
 }

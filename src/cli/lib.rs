@@ -101,7 +101,7 @@ enum Command {
     Schema(schema::Schema),
     /// Print a completion script for a shell.
     Completions(completions::Completions),
-    /// Copy a dataset to LeRobot, Zarr or HDF5 (with the Python module).
+    /// Copy a dataset to other formats (with the Python module).
     Export(export::Export),
 }
 

@@ -74,6 +74,7 @@ ELSEWHERE = {
     "pip install '.[export]'": ("a compiler; there without extras", "tests/python/test_install.py"),
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot": ("the wheel", "tests/python/test_formats.py"),
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot --check": ("the wheel", "tests/python/test_formats.py"),
+    "gelsim-export out/pairs --to fota --out pairs.fota": ("the wheel", "tests/python/test_layouts.py"),
     "bash gelsim.sbatch": ("Slurm", "tests/python/test_slurm.py"),
     "sbatch --array=0-99 gelsim.sbatch": ("Slurm; there with another range", "tests/python/test_slurm.py"),
     "python ray_driver.py job.toml out --parts 64 --threads 4": ("Ray; there in 8 parts", "tests/python/test_ray.py"),

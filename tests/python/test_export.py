@@ -652,7 +652,9 @@ GUESSES = {
     "rlds": "no such copy",
     "webdataset": "`gelsim generate` writes it",
     "npz": "gelsim.load",
-    "xml": "one of lerobot, zarr or hdf5",
+    "sparsh": "did you mean tacbench?",
+    "T3": "did you mean fota?",
+    "xml": "one of lerobot, zarr, hdf5, fota, tacbench, touchd or ftp1",
 }
 
 

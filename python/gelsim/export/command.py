@@ -16,19 +16,23 @@ from typing import Any, Optional
 
 from gelsim import __version__
 from gelsim._native import RunError, UsageError
-from gelsim.dataset import Dataset, read_manifest
-from gelsim.export import check, parts
+from gelsim.dataset import SET_FILE, Dataset, SensorSet
+from gelsim.export import check, parts, trees
 from gelsim.export.content import identity
 from gelsim.needed import LIBRARIES, installed, need_all
 from gelsim.sample import Sample
 
-FORMATS = ["lerobot", "zarr", "hdf5"]
-ONE_OF = "one of lerobot, zarr or hdf5 (docs/how-to/export.md)"
+FORMATS = ["lerobot", "zarr", "hdf5", "fota", "tacbench", "touchd", "ftp1"]
+ONE_OF = "one of lerobot, zarr, hdf5, fota, tacbench, touchd or ftp1 (docs/how-to/export.md)"
 
 MEANT = {
     "lerobot": ["parquet", "arrow", "huggingface", "hugging_face", "hf", "datasets", "lerobot_v3", "lerobotdataset"],
     "zarr": ["zarr2", "zarr_v2", "zip", "replay_buffer", "diffusion_policy", "umi"],
     "hdf5": ["h5", "hdf", "h5py", "robomimic", "mat", "matlab"],
+    "ftp1": ["ftp", "ftp_1", "oxt", "open_x_tactile"],
+    "fota": ["t3", "foundation_tactile"],
+    "tacbench": ["sparsh", "tac_bench", "digitv1"],
+    "touchd": ["anytouch", "any_touch", "anytouch2", "touchd_force", "touc_hd"],
 }
 """Other words for formats, in lower case with `_` between words."""
 
@@ -79,9 +83,9 @@ def arguments() -> argparse.ArgumentParser:
         "the same command.",
         epilog="Exit status: 0 done, 1 failed while running (or --check found a difference), 2 wrong arguments.",
     )
-    parser.add_argument("dataset", metavar="DIR", type=folder, help="folder of the dataset")
+    parser.add_argument("dataset", metavar="DIR", type=folder, help="folder of the dataset; or of a set of sensors for fota, tacbench, touchd and ftp1")
     parser.add_argument(
-        "--to", required=True, type=format_named, metavar="FORMAT", help="lerobot, zarr or hdf5 (docs/how-to/export.md)"
+        "--to", required=True, type=format_named, metavar="FORMAT", help="lerobot, zarr, hdf5, fota, tacbench, touchd or ftp1 (docs/how-to/export.md)"
     )
     parser.add_argument(
         "-o", "--out", required=True, type=folder, help="the copy: a folder; of hdf5 a file; of zarr a file if it ends in .zip"
@@ -135,30 +139,41 @@ def columns() -> int:
 def run(options: argparse.Namespace) -> int:
     """Runs the command; its exit status."""
     form: Any = import_module(f"gelsim.export.{options.to}")
-    suffixes = read_manifest(options.dataset)["layers"]
-    has_exr = form.HAS_FLOATS and any(suffix.endswith(".exr") for suffix in suffixes)
-    need_all([*form.LIBRARIES, *(["OpenEXR"] if has_exr else [])])
-    dataset: Dataset[Sample] = Dataset(options.dataset)
+    need_all(form.LIBRARIES)
+    is_tree, is_set = hasattr(form.Writer, "SOURCE"), (options.dataset / SET_FILE).is_file()
+    if is_set and not is_tree:
+        raise UsageError(f"{options.dataset} is a set of sensors: name the folder of one of them")
+    dataset: Dataset[Sample] = (SensorSet if is_set else Dataset)(options.dataset)
+    if form.HAS_FLOATS and any(suffix.endswith(".exr") for suffix in dataset.manifest["layers"]):
+        need_all([*form.LIBRARIES, "OpenEXR"])
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples: `gelsim generate JOB --out FOLDER` writes some")
     out: Path = options.out
+    if is_tree:
+        form.prepare(dataset)
     progress = Progress(dataset, options.quiet)
     whence = identity(dataset, options.to)
+
+    def start(folder: Path) -> Any:
+        return form.Writer(dataset, folder, out, whence)
+
     try:
         if options.check:
             if form.source(out) != whence:
                 help = "name the copy with --out" if out.exists() else "without --check the same command writes one"
                 raise UsageError(f"{out} is no {options.to} copy of {dataset.path}: {help}")
-            difference: Optional[str] = check.compare(dataset, form, out, progress.tell)
+            difference: Optional[str]
+            if is_tree:
+                difference = trees.compare(dataset, start, out, progress.tell)
+            else:
+                difference = check.compare(dataset, form, out, progress.tell)
             progress.clear()
             if difference is not None:
                 raise RunError(f"{out}: {difference}; delete it and export again")
             if not options.quiet:
                 print(f"{out} holds {dataset.path} bit for bit: {progress.summary()}", file=sys.stderr)
             return 0
-        new = parts.run(
-            dataset, out, whence, lambda folder: form.Writer(dataset, folder, out, whence), form.source, progress.tell
-        )
+        new = parts.run(dataset, out, whence, start, form.source, progress.tell)
     finally:
         progress.clear()
     if not options.quiet:

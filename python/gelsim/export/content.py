@@ -6,7 +6,7 @@ import hashlib
 from typing import TYPE_CHECKING, Any
 
 from gelsim import vectors
-from gelsim.dataset import Dataset, Pad, Raw
+from gelsim.dataset import Dataset, Pad, Raw, SensorSet
 from gelsim.needed import need
 from gelsim.sample import Sample
 
@@ -51,7 +51,8 @@ FRAME = (
 
 def identity(dataset: Dataset[Sample], to: str) -> dict[str, Any]:
     """What a copy says about where it comes from: equal for equal sources."""
-    manifest = (dataset.path / "dataset.json").read_bytes()
+    of_each = dataset.sensors.values() if isinstance(dataset, SensorSet) else [dataset]
+    manifest = b"".join((each.path / "dataset.json").read_bytes() for each in of_each)
     return {
         "exporter": 1,
         "to": to,

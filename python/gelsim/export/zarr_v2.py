@@ -48,14 +48,14 @@ class Written:
 
     def make(self, shape: tuple[int, ...], dtype: Any, attributes: dict[str, Any]) -> Written:
         """Makes it, without chunks."""
-        self.folder.mkdir(parents=True)
+        self.folder.mkdir(parents=True, exist_ok=True)
         about = {
             "zarr_format": 2,
             "shape": shape,
             "chunks": [self.rows_in_chunk, *shape[1:]],
             "dtype": dtype.str,
             "compressor": COMPRESSOR,
-            "fill_value": 0,
+            "fill_value": "" if dtype.kind == "U" else 0,
             "order": "C",
             "filters": None,
         }

@@ -1,0 +1,213 @@
+"""Copies in the layouts of others, opened as their loaders open them: what these look for, what they assert, what they skip."""
+
+import io
+import json
+import pickle
+import re
+import shutil
+
+import pytest
+
+gelsim = pytest.importorskip("gelsim", reason="the module is not installed: pip install .")
+webdataset = pytest.importorskip("webdataset", reason="pip install webdataset")
+
+import numpy as np
+from gelsim.export import command
+from PIL import Image
+
+pytestmark = pytest.mark.wheel
+
+# Eight sensors, and a slide of each of two objects in two shards.
+JOB = """
+dataset = {{ name = "eight", samples = 4, seed = 4, samples_per_shard = 2, object_order = "in_turn", splits = {{ train = 0.5, val = 0.5 }} }}
+sensors = {sensors}
+sensor.resolution_px = [40, 30]
+object = [{{ path = "{objects}/sphere.obj", class = "sphere" }}, {{ path = "{objects}/cone.obj", class = "sharp" }}]
+output.layers = ["reference"]
+{motion}
+"""
+SLIDE = """
+[sequence]
+frame_rate_hz = 12.5
+friction = { coefficient = 0.3 }
+[[sequence.phase]]
+name = "load"
+duration_s = 0.4
+force_n = 1.0
+[[sequence.phase]]
+name = "slide"
+duration_s = 0.4
+x_mm = 1.5
+"""
+EIGHT = '{ from = ["digit", "gelsight-mini", "gelsight-2017", "gelsight-2014"], count = 2 }'
+FRAMES = 10
+
+
+@pytest.fixture(scope="module")
+def generated(project, tmp_path_factory):
+    """Makes a set of sensors, by one command."""
+    folder, made = tmp_path_factory.mktemp("layouts"), {}
+
+    def make(sensors=EIGHT, motion=SLIDE, **options):
+        key = (sensors, motion, *options)
+        if key not in made:
+            job, out = folder / f"{len(made)}.toml", folder / str(len(made))
+            job.write_text(JOB.format(sensors=sensors, motion=motion, objects=project / "objects"))
+            gelsim.generate(job, out, **options)
+            made[key] = out
+        return made[key]
+
+    return make
+
+
+@pytest.fixture
+def export(generated, tmp_path):
+    """Exports the set of eight sensors, compares the copy, and gives its folder."""
+
+    def run(layout, source=None):
+        out = tmp_path / layout
+        words = [str(source or generated()), "--to", layout, "--out", str(out), "--quiet"]
+        assert command.main(words) == 0
+        assert command.main([*words, "--check"]) == 0
+        return out
+
+    return run
+
+
+def test_t3_reads_eight_sensors(export, generated):
+    """Shards by their numbers from 0 without a gap, as many samples as count.txt says, JPEG and JSON under one key without dots."""
+    out, loaded = export("fota"), gelsim.load(generated())
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == sorted(loaded.sensors)
+    for name, dataset in loaded.sensors.items():
+        for split in ["train", "val"]:
+            folder = out / name / split
+            shards = sorted(folder.glob("data-*.tar"))
+            assert [path.name for path in shards] == [f"data-{number:06d}.tar" for number in range(len(shards))]
+            urls = f"{folder}/data-{{000000..{len(shards) - 1:06d}}}.tar"
+            read = list(webdataset.WebDataset(urls, shardshuffle=False).decode("rgb8").to_tuple("__key__", "jpg", "json"))
+            assert len(read) == int((folder / "count.txt").read_text()) == 2 * FRAMES
+            frames = [(sample, frame) for sample in gelsim.load(generated() / name, split) for frame in range(FRAMES)]
+            for (key, image, label), (sample, frame) in zip(read, frames, strict=True):
+                ours, said = sample["frames"][frame], sample["label"]["frames"][frame]
+                assert key.split("/")[-1] == f"{sample['key']}-f{frame:04}"
+                assert image.dtype == np.uint8 and np.abs(image.astype(int) - ours["tactile"]).mean() < 3.0
+                assert [label[name] for name in ["x_mm", "y_mm", "z_mm"]] == said["pose"]["translation_mm"]
+                assert [label[f"quat_{name}"] for name in "xyzw"] == said["pose"]["quaternion_xyzw"]
+                assert label["obj_idx"] == dataset.classes.index(label["object_name"])
+                assert label["has_contact"] is said["contact"]["in_contact"]
+
+
+def test_sparsh_reads_forces_and_slip(export, generated):
+    """Images of a batch from its pickles in the order of their names, trajectories by their numbers, one frame without contact."""
+    out, seen, slips = export("tacbench"), 0, set()
+    for sensor in ["digit", "gelsight"]:
+        for of_class in ["sphere", "sharp"]:
+            batches = sorted((out / "T1_force" / sensor / of_class).glob("batch_*"))
+            assert batches and all(re.fullmatch("batch_[0-9]+", path.name) for path in batches)
+            for batch in batches:
+                images = [each for path in sorted(batch.glob(f"dataset_{sensor}_*.pkl")) for each in pickle.loads(path.read_bytes())]
+                found = pickle.loads((batch / "dataset_slip_forces.pkl").read_bytes())
+                assert len(found["in_contact"]) == len(images) and 0 in found["in_contact"]
+                background = np.asarray(Image.open(io.BytesIO(images[int(np.argmin(found["in_contact"]))])))
+                assert background.ndim == 3 and background.shape[2] == 3
+                for trajectory in found["trajectories"]:
+                    assert {type(trajectory[name]) for name in ["indexes", "forces", "slip_label"]} == {np.ndarray}
+                    indexes, forces = trajectory["indexes"], trajectory["forces"]
+                    assert forces.shape == (len(indexes), 3) and len(trajectory["slip_label"]) == len(indexes) > 5
+                    assert np.isfinite(forces).all() and forces[-1, 2] < -0.5
+                    slips |= {*trajectory["slip_label"].tolist()}
+                    for index in indexes[5:]:
+                        assert np.asarray(Image.open(io.BytesIO(images[index]))).shape == (30, 40, 3)
+                        seen += 1
+    assert slips == {0, 1} and seen == 8 * 4 * (FRAMES - 5)
+    pushed = {sample["label"]["sensor"]["name"] for sample in gelsim.load(generated())}
+    assert len(pushed) == 4
+
+
+def test_anytouch_reads_forces_of_sensors_that_feel_the_same(export, generated):
+    """Names of sensors with digit or gelsight in them, images by their numbers, the first one untouched, z turned around."""
+    out = export("touchd")
+    forces, names = json.loads((out / "all_data_direction.json").read_text()), list(gelsim.load(generated()).sensors)
+    assert len(forces) == 4
+    for name, of_sensors in forces.items():
+        assert re.match("obj[0-9]+_speed", name) and sorted(of_sensors) == sorted(names)
+        for sensor, rows in of_sensors.items():
+            assert "digit" in sensor or "gelsight" in sensor
+            untouched = np.asarray(Image.open(out / name / sensor / "image_1.png").convert("RGB"), int)
+            assert len(rows) == FRAMES
+            for number, fx, fy, fz in rows:
+                image = np.asarray(Image.open(out / name / sensor / f"image_{number}.png").convert("RGB"), int)
+                assert image.shape == untouched.shape and np.isfinite([fx, fy]).all() and -fz >= 0.0
+            assert -rows[-1][3] > 0.5 and np.abs(image - untouched).max() > 5
+
+
+def test_ftp1_reads_images_of_a_hand(export, generated):
+    """Zarr v2; every array as long as the last episode's end; texts that equal texts; joints, without which a hand is left out."""
+    zarr = pytest.importorskip("zarr", reason="pip install zarr")
+    out, loaded = export("ftp1"), gelsim.load(generated())
+    assert sorted(path.name for path in out.iterdir() if path.is_dir()) == sorted(loaded.sensors)
+    for name, dataset in loaded.sensors.items():
+        paths = sorted((out / name).glob("*.zarr"))
+        assert [path.name for path in paths] == ["train-000000.zarr", "val-000000.zarr"]
+        for split, path in zip(["train", "val"], paths):
+            root = zarr.open_group(path, mode="r", zarr_format=2)
+            ends = root["meta/episode_ends"][:]
+            assert ends.dtype == np.int64 and ends.tolist() == [FRAMES, 2 * FRAMES]
+            data = {name: array[:] for name, array in root["data"].arrays()}
+            assert {len(array) for array in data.values()} == {int(ends[-1])}
+            assert data["camera_main_rgb"].shape[3] == 3 and data["right_hand_joints"].shape == data["right_hand_joints_idx"].shape
+            assert np.issubdtype(data["right_hand_joints_idx"].dtype, np.integer)
+            assert set(data["right_tactile_type_pad0"]) == {"image"} and set(data["right_tactile_area_pad0"].ravel()) == {0}
+            sensor = dataset[0]["label"]["sensor"]["name"]
+            assert set(data["right_tactile_sensor_pad0"]) == {{"digit": "DIGIT", "gelsight-mini": "GelSightMini"}.get(sensor, sensor)}
+            images = data["right_tactile_data_pad0"]
+            assert images.shape == (2 * FRAMES, 1, 30, 40, 3) and images.dtype == np.uint8
+            frames = [frame["tactile"] for sample in gelsim.load(generated() / name, split) for frame in sample["frames"]]
+            assert np.array_equal(images[:, 0], frames)
+
+
+@pytest.mark.parametrize("layout", ["fota", "tacbench", "touchd", "ftp1"])
+def test_a_copy_that_was_changed_is_told(export, generated, layout, capsys):
+    out = export(layout)
+    path = next(path for path in sorted(out.rglob("*")) if path.is_file() and path.name != "gelsim.json")
+    path.write_bytes(path.read_bytes()[:-1])
+    words = [str(generated()), "--to", layout, "--out", str(out)]
+    assert command.main([*words, "--check"]) == 1
+    assert f"{path.relative_to(out)} differs; delete it" in capsys.readouterr().err
+    path.unlink()
+    assert command.main([*words, "--check"]) == 1
+    assert f"{path.relative_to(out)} is missing" in capsys.readouterr().err
+    assert command.main(words) == 0
+    assert "is there already" in capsys.readouterr().err
+
+
+def test_one_sensor_and_two_fingers_are_copied(export, generated, project, tmp_path):
+    one = generated() / "digit-0000"
+    assert (export("fota", one) / "train/count.txt").read_text() == f"{2 * FRAMES}\n"
+    job = tmp_path / "grips.toml"
+    job.write_text(JOB.format(sensors='{ from = ["digit"] }', motion="", objects=project / "objects"))
+    text = job.read_text().replace('sensors = { from = ["digit"] }', "").replace('sensor.resolution_px = [40, 30]', 'sensor = { preset = "digit", resolution_px = [30, 40] }')
+    job.write_text(text + "gripper.force_n = 1.0\n")
+    gelsim.generate(job, tmp_path / "grips")
+    shutil.rmtree(tmp_path / "fota")
+    out = export("fota", tmp_path / "grips")
+    read = list(webdataset.WebDataset(f"{out}/train/data-000000.tar", shardshuffle=False).to_tuple("__key__"))
+    assert [key.split("/")[-1][9:] for (key,) in read] == ["-left", "-right"] * 2
+    zarr = pytest.importorskip("zarr", reason="pip install zarr")
+    (path,) = sorted(export("ftp1", tmp_path / "grips").glob("*/train-*.zarr"))
+    data = zarr.open_group(path, mode="r", zarr_format=2)["data"]
+    assert data["right_tactile_area_pad1"][:].tolist() == [[1], [1]] and (data["right_hand_joints"][:] > 0.001).all()
+
+
+def test_what_a_layout_cannot_hold_is_told_before_anything_is_made(generated, tmp_path, capsys):
+    press = "indentation.depth_mm = 0.5"
+    cases = [
+        (generated('{ from = ["digit"] }', press), "tacbench", "single presses, and tacbench has frames with forces"),
+        (generated('{ from = ["tactip", "digit"] }', SLIDE), "touchd", "touchd is read for names with `digit` or `gelsight`, not for tactip"),
+        (generated('{ from = ["digit"] }', SLIDE, set={"output.layers": []}), "tacbench", 'layers = ["reference"]'),
+        (generated(), "zarr", "is a set of sensors: name the folder of one of them"),
+    ]
+    for source, layout, said in cases:
+        assert command.main([str(source), "--to", layout, "--out", str(tmp_path / "copy")]) == 2
+        assert said in capsys.readouterr().err
+        assert not list(tmp_path.glob("copy*"))
