@@ -165,7 +165,11 @@ impl Scene {
         let indentation = &plan.job.indentation;
         let touches = Self::should_touch(plan, index, attempt);
         let turned = TurnedObject::draw(plan, object, touches, stream);
-        let position_mm = [draw("x", &plan.job.pose.x_mm), draw("y", &plan.job.pose.y_mm)];
+        let mut position_mm = [draw("x", &plan.job.pose.x_mm), draw("y", &plan.job.pose.y_mm)];
+        if let Some(grid) = plan.job.pose.grid {
+            let place_mm = grid.place_mm(position / plan.sampling.object_samplers[split.number()].turn_length());
+            position_mm = std::array::from_fn(|k| position_mm[k] + place_mm[k]);
+        }
         let pose = turned.pose_at(position_mm, plan.job.pose.anchor);
         let TurnedObject { side, scale, clusters: scaled, depth_mm, .. } = turned;
         let clusters = &*scaled;

@@ -579,3 +579,37 @@ fn fields(text: &str) -> Vec<(String, String)> {
     assert!(rest.is_empty(), "{rest:?} after the label");
     found
 }
+
+#[test]
+fn objects_take_the_places_of_a_grid_in_turn() {
+    let grid = "grid = { columns = 3, rows = 2, step_mm = [4.0, 3.0] }\nanchor = \"origin\"";
+    let text = edited(
+        JOB,
+        &[
+            ("samples = 8", "samples = 14\nobject_order = \"in_turn\""),
+            ("splits = { train = 0.5, val = 0.25, test = 0.25 }", ""),
+            ("x_mm = { normal = { mean = 0.0, std = 1.0, min = -3.0, max = 3.0 } }\ny_mm = [-2.0, 2.0]", grid),
+        ],
+    );
+    let folder = Folder::with_job(&text);
+    folder.succeed("generate job.toml --quiet");
+    let places = [[-4.0, -1.5], [0.0, -1.5], [4.0, -1.5], [-4.0, 1.5], [0.0, 1.5], [4.0, 1.5], [-4.0, -1.5]];
+    for (number, label) in folder.labels("out/small").values().enumerate() {
+        assert_eq!(label["object"]["id"], ["cube", "cone"][number % 2]);
+        let at = |k: usize| label["pose"]["translation_mm"][k].as_f64().expect("a number");
+        let [x, y] = places[number / 2];
+        assert!((at(0) - x).abs() < 1e-9 && (at(1) - y).abs() < 1e-9, "{number}: {} {}", at(0), at(1));
+    }
+    // At random by weight, each sample takes the next place.
+    folder.write("job.toml", edited(&text, &[("object_order = \"in_turn\"", "")]));
+    folder.succeed("generate job.toml --quiet --out weighted");
+    let labels = folder.labels("weighted");
+    let at = |number: usize| labels.values().nth(number).expect("a sample")["pose"]["translation_mm"][0].as_f64();
+    assert_eq!([0, 1, 2, 3].map(at), [-4.0, 0.0, 4.0, -4.0].map(Some));
+
+    let several = edited(&text, &[("[pose]", "[scene]\nobjects_per_sample = 2\n[pose]")]);
+    folder.write("job.toml", several);
+    assert!(folder.fail("generate job.toml --out several", 2).contains("a grid of places for one of several objects"));
+    folder.write("job.toml", edited(&text, &[("columns = 3", "columns = 0")]));
+    assert!(folder.fail("generate job.toml --out none", 2).contains("columns = 0 is out of range"));
+}

@@ -74,7 +74,12 @@ ELSEWHERE = {
     "pip install '.[export]'": ("a compiler; there without extras", "tests/python/test_install.py"),
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot": ("the wheel", "tests/python/test_formats.py"),
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot --check": ("the wheel", "tests/python/test_formats.py"),
-    "gelsim-export out/pairs --to fota --out pairs.fota": ("the wheel", "tests/python/test_layouts.py"),
+    "gelsim-export out/quickstart --to fota --out quickstart.fota": ("the wheel", "tests/python/test_formats.py"),
+    "gelsim-export SET --to LAYOUT --out COPY": ("the wheel", "tests/python/test_layouts.py"),
+    "gelsim-export out/pretrain-sitr --to sitr --calibration out/pretrain-sitr-calibration --out sitr": (
+        "the wheel",
+        "tests/python/test_layouts.py",
+    ),
     "bash gelsim.sbatch": ("Slurm", "tests/python/test_slurm.py"),
     "sbatch --array=0-99 gelsim.sbatch": ("Slurm; there with another range", "tests/python/test_slurm.py"),
     "python ray_driver.py job.toml out --parts 64 --threads 4": ("Ray; there in 8 parts", "tests/python/test_ray.py"),

@@ -654,7 +654,7 @@ GUESSES = {
     "npz": "gelsim.load",
     "sparsh": "did you mean tacbench?",
     "T3": "did you mean fota?",
-    "xml": "one of lerobot, zarr, hdf5, fota, tacbench, touchd or ftp1",
+    "xml": "one of lerobot, zarr, hdf5, fota, tacbench, touchd, ftp1 or sitr",
 }
 
 

@@ -166,6 +166,96 @@ def test_ftp1_reads_images_of_a_hand(export, generated):
             assert np.array_equal(images[:, 0], frames)
 
 
+SITR = """
+dataset = {{ name = "sitr", samples = {samples}, seed = 3, samples_per_shard = 4, object_order = "in_turn"{splits} }}
+sensors = {{ from = ["gelsight-mini", "gelsight-2017"], count = 2 }}
+sensor = {{ resolution_px = [224, 224], field_of_view_mm = [14.0, 14.0], unit = {{ gelpad_thickness = 0.0 }} }}
+object = [{{ path = "{objects}/{first}.obj"{length} }}, {{ path = "{objects}/cube.obj" }}]
+pose = {pose}
+indentation.depth_mm = [0.8, 1.2]
+output.layers = ["surface", "reference"]
+"""
+PRESSES = {"samples": 18, "splits": "", "first": "sphere", "length": ", length_mm = 4.0"}
+GRID = "{ grid = { columns = 3, rows = 3, step_mm = [4.0, 4.0] }, roll_deg = 45.0, pitch_deg = 45.0, anchor = 'contact' }"
+
+
+@pytest.fixture(scope="module")
+def sitr(project, tmp_path_factory):
+    """The folders of a set, and of the calibration presses of its sensors."""
+    folder = tmp_path_factory.mktemp("sitr")
+    samples = {"samples": 6, "splits": ", splits = { train = 0.5, val = 0.5 }", "first": "gear", "length": ""}
+    for name, more in [("set", {**samples, "pose": "{ x_mm = [-2.0, 2.0] }"}), ("presses", {**PRESSES, "pose": GRID})]:
+        (folder / f"{name}.toml").write_text(SITR.format(objects=project / "objects", **more))
+        gelsim.generate(folder / f"{name}.toml", folder / name)
+    return folder / "set", folder / "presses"
+
+
+def test_sitr_reads_pairs_and_calibrations(sitr, tmp_path):
+    """Nothing but folders of sensors, 19 calibration images, RGB of 224, a grey depth map and normals for each sample."""
+    source, presses = sitr
+    words = [str(source), "--to", "sitr", "--calibration", str(presses), "--out", str(tmp_path / "copy"), "--quiet"]
+    assert command.main(words) == 0 and command.main([*words, "--check"]) == 0
+    root, loaded = tmp_path / "copy", gelsim.load(source)
+    assert sorted(path.name for path in root.iterdir()) == [f"sensor_{number:04}" for number in range(4)]
+
+    def opened(path, mode):
+        image = Image.open(path)
+        assert image.size == (224, 224) and image.mode == mode, path
+        return np.asarray(image)
+
+    for number, (name, dataset) in enumerate(loaded.sensors.items()):
+        folder = root / f"sensor_{number:04}"
+        assert len(list((folder / "samples").iterdir())) == len(dataset) == 6
+        background, *touched = [opened(folder / f"calibration/{k:04}.png", "RGB").astype(int) for k in range(19)]
+        assert len(list((folder / "calibration").iterdir())) == 19
+        changed = [np.abs(image - background).max(axis=2) > 24 for image in touched]
+        for k, where in enumerate(changed):
+            column, row = k % 3, k // 3 % 3
+            y, x = (np.median(each) for each in np.nonzero(where))
+            assert abs(x - 112 - 64 * (column - 1)) < 32 and abs(y - 112 - 64 * (row - 1)) < 32, (name, k)
+        order = {sample["key"]: k for k, sample in enumerate(dataset)}
+        for sample in dataset:
+            k = order[sample["key"]]
+            assert np.array_equal(opened(folder / f"samples/{k:04}.png", "RGB"), sample["tactile"])
+            depth = opened(folder / f"dmaps/{k:04}.png", "L")
+            assert np.abs(depth - np.clip(sample["surface"] / 3.0, 0.0, 1.0) * 255).max() <= 1.0 and depth.max() > 50
+            # Units of one pad feel the same.
+            twin = root / f"sensor_{number ^ 1:04}"
+            assert np.array_equal(depth, opened(twin / f"dmaps/{k:04}.png", "L"))
+            assert np.array_equal(opened(folder / f"norms/{k:04}.png", "RGB"), opened(twin / f"norms/{k:04}.png", "RGB"))
+
+
+def test_sitrs_normals_are_sobels(sitr):
+    cv2 = pytest.importorskip("cv2", reason="pip install opencv-python-headless")
+    from gelsim.export.sitr import normals
+
+    depth = np.clip(gelsim.load(sitr[0])[1]["surface"] / 3.0, 0.0, 1.0)
+    x, y = (-cv2.Sobel(depth.astype(np.float64), cv2.CV_64F, *order, ksize=5) for order in [(1, 0), (0, 1)])
+    known = np.stack([x, y, np.ones_like(x)], axis=-1)
+    known /= np.linalg.norm(known, axis=-1, keepdims=True)
+    found = normals(depth)
+    assert np.abs(found - (known + 1) / 2 * 255).max() <= 1.0
+    assert (found[0, 0] == [127, 127, 255]).all() and np.unique(found).size > 100
+
+
+def test_what_sitr_cannot_be_made_of_is_told(sitr, generated, tmp_path, capsys):
+    source, presses = sitr
+    small = generated('{ from = ["digit"] }', "indentation.depth_mm = 0.5")
+    cases = [
+        ([source], "name the set of their presses with --calibration"),
+        ([source, "--calibration", small], "has other sensors than"),
+        ([small, "--calibration", small], "write resolution_px = [224, 224]"),
+        ([source, "--calibration", source], "nine presses of each of two objects, not gear: 4, cube: 2"),
+        ([source / "gelsight-mini-0000", "--calibration", presses / "gelsight-2017-0000"], "has other light than"),
+    ]
+    for words, said in cases:
+        assert command.main([*map(str, words), "--to", "sitr", "--out", str(tmp_path / "copy")]) == 2
+        assert said in capsys.readouterr().err
+        assert not list(tmp_path.glob("copy*"))
+    assert command.main([str(source), "--to", "fota", "--calibration", str(presses), "--out", str(tmp_path / "copy")]) == 2
+    assert "--calibration is for sitr" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("layout", ["fota", "tacbench", "touchd", "ftp1"])
 def test_a_copy_that_was_changed_is_told(export, generated, layout, capsys):
     out = export(layout)

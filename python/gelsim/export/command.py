@@ -22,8 +22,8 @@ from gelsim.export.content import identity
 from gelsim.needed import LIBRARIES, installed, need_all
 from gelsim.sample import Sample
 
-FORMATS = ["lerobot", "zarr", "hdf5", "fota", "tacbench", "touchd", "ftp1"]
-ONE_OF = "one of lerobot, zarr, hdf5, fota, tacbench, touchd or ftp1 (docs/how-to/export.md)"
+FORMATS = ["lerobot", "zarr", "hdf5", "fota", "tacbench", "touchd", "ftp1", "sitr"]
+ONE_OF = "one of lerobot, zarr, hdf5, fota, tacbench, touchd, ftp1 or sitr (docs/how-to/export.md)"
 
 MEANT = {
     "lerobot": ["parquet", "arrow", "huggingface", "hugging_face", "hf", "datasets", "lerobot_v3", "lerobotdataset"],
@@ -83,12 +83,15 @@ def arguments() -> argparse.ArgumentParser:
         "the same command.",
         epilog="Exit status: 0 done, 1 failed while running (or --check found a difference), 2 wrong arguments.",
     )
-    parser.add_argument("dataset", metavar="DIR", type=folder, help="folder of the dataset; or of a set of sensors for fota, tacbench, touchd and ftp1")
+    parser.add_argument("dataset", metavar="DIR", type=folder, help="folder of the dataset; or of a set of sensors for fota, tacbench, touchd, ftp1 and sitr")
     parser.add_argument(
-        "--to", required=True, type=format_named, metavar="FORMAT", help="lerobot, zarr, hdf5, fota, tacbench, touchd or ftp1 (docs/how-to/export.md)"
+        "--to", required=True, type=format_named, metavar="FORMAT", help="lerobot, zarr, hdf5, fota, tacbench, touchd, ftp1 or sitr (docs/how-to/export.md)"
     )
     parser.add_argument(
         "-o", "--out", required=True, type=folder, help="the copy: a folder; of hdf5 a file; of zarr a file if it ends in .zip"
+    )
+    parser.add_argument(
+        "--calibration", type=folder, metavar="DIR", help="for sitr: folder of the calibration presses of the same sensors"
     )
     parser.add_argument("--check", action="store_true", help="compare the copy OUT with DIR, bit by bit, and write nothing")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
@@ -149,10 +152,15 @@ def run(options: argparse.Namespace) -> int:
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples: `gelsim generate JOB --out FOLDER` writes some")
     out: Path = options.out
-    if is_tree:
+    if options.calibration is not None and options.to != "sitr":
+        raise UsageError(f"--calibration is for sitr, and {options.to} has no calibration images: leave it out")
+    more: dict[str, Any] = {}
+    if options.to == "sitr":
+        more = {"calibration": form.prepare(dataset, options.calibration)}
+    elif is_tree:
         form.prepare(dataset)
     progress = Progress(dataset, options.quiet)
-    whence = identity(dataset, options.to)
+    whence = {**identity(dataset, options.to), **more}
 
     def start(folder: Path) -> Any:
         return form.Writer(dataset, folder, out, whence)

@@ -110,8 +110,33 @@ pub struct Pose {
     pub x_mm: Quantity,
     /// Position along y, mm from the middle of the image.
     pub y_mm: Quantity,
+    /// Places around the middle of the image that samples take in turn; `x_mm` and `y_mm` are added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid: Option<PlaceGrid>,
     /// The point of the turned object that is placed at x_mm and y_mm.
     pub anchor: Anchor,
+}
+
+/// A regular grid of places, row by row from the top left. If objects come in turn, each of them takes a place before
+/// the next one is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlaceGrid {
+    /// Places in a row, 1 to 1000.
+    pub columns: u32,
+    /// Rows, 1 to 1000.
+    pub rows: u32,
+    /// Distance between columns and between rows, mm.
+    pub step_mm: [f64; 2],
+}
+
+impl PlaceGrid {
+    /// Returns place number `number`, mm from the middle of the image; after the last place comes the first again.
+    pub fn place_mm(self, number: u64) -> [f64; 2] {
+        let [columns, rows] = [self.columns, self.rows].map(u64::from);
+        let at = [number % columns, number / columns % rows];
+        std::array::from_fn(|k| (at[k] as f64 - 0.5 * ([columns, rows][k] - 1) as f64) * self.step_mm[k])
+    }
 }
 
 impl Default for Pose {
@@ -127,6 +152,7 @@ impl Default for Pose {
             around_deg: None,
             x_mm: Quantity::default(),
             y_mm: Quantity::default(),
+            grid: None,
             anchor: Anchor::default(),
         }
     }

@@ -56,6 +56,14 @@ impl ObjectSampler {
         }
     }
 
+    /// Returns how many samples follow each other until the first object comes again; 1 if that is random.
+    pub fn turn_length(&self) -> u64 {
+        match self {
+            Self::InTurn(objects) => objects.len().max(1) as u64,
+            Self::Weighted(_) => 1,
+        }
+    }
+
     /// Returns a further object beside the sample's own: by weight, independent of earlier ones. If objects come in
     /// turn, it is any of them.
     pub fn pick_other_object(&self, stream: &mut RandomStream) -> usize {

@@ -355,6 +355,17 @@ pub fn check_pose(check: &mut JobChecker<'_>, job: &Job, sensor_known: bool) {
     }
     check.require_quantity_in_range("pose.x_mm", &pose.x_mm, -1e4..=1e4, "mm");
     check.require_quantity_in_range("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");
+    if let Some(grid) = pose.grid {
+        check.require_in_range("pose.grid.columns", f64::from(grid.columns), 1.0..=1000.0, "");
+        check.require_in_range("pose.grid.rows", f64::from(grid.rows), 1.0..=1000.0, "");
+        for (k, mm) in grid.step_mm.into_iter().enumerate() {
+            check.require_in_range(&format!("pose.grid.step_mm.{k}"), mm, 0.0..=1e3, "mm");
+        }
+        if job.objects_per_sample().max > 1 {
+            let help = "leave grid out, or write objects_per_sample = 1: the others have places of their own";
+            check.report_error("pose.grid", "a grid of places for one of several objects in a press", help);
+        }
+    }
     if let Some(sequence) = &job.sequence {
         super::sequence::check_sequence(check, job, sequence, sensor_known);
         return;
