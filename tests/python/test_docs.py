@@ -205,7 +205,7 @@ def failure_of(command, folder):
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory, gelsim_path):
     """A copy of every file that is or will be tracked, with what the pages speak of: a job as in the README, its meshes, presses of a
-    ball and an untouched pad."""
+    ball, an untouched pad, and a sensor that was calibrated with them."""
     folder = tmp_path_factory.mktemp("repository")
     listed = subprocess.run(["git", "ls-files", "-z", "-co", "--exclude-standard"], cwd=PROJECT, capture_output=True)
     for name in filter(None, listed.stdout.decode().split("\0")):
@@ -218,6 +218,8 @@ def copy(tmp_path_factory, gelsim_path):
     for name, mesh in [("my-part.stl", "gear"), ("other.stl", "coin"), ("meshes/gear.stl", "gear"), ("meshes/coin.stl", "coin")]:
         (folder / name).write_text(stl((folder / f"objects/{mesh}.obj").read_text()))
     presses(folder)
+    # What one page makes, and another one goes on with.
+    subprocess.run(f"{CALIBRATION} {SHORTER[CALIBRATION]}".split(), cwd=folder, capture_output=True, check=True)
     return folder
 
 
