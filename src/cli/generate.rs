@@ -67,8 +67,7 @@ impl Generate {
         let shards = self.extent.shard_range(plan.layout.shard_count())?;
         let root = self.extent.dataset_root(&plan);
         let store = parse_address(&root)?;
-        let set = plan.sensor_set();
-        if store.is_some() && set.is_some() {
+        if store.is_some() && plan.job().sensors.is_some() {
             let message = "the datasets of several sensors cannot be made in a store";
             let help = "generate them into a folder, and copy that, for example with `aws s3 sync`";
             return Err(user_error(message, help).into());
@@ -103,7 +102,6 @@ impl Generate {
                 watch,
             )
         };
-        // Their level may have been chosen meanwhile.
         let set = plan.sensor_set();
         let (result, signal) = run_interruptible(log, |watch| match (&store, &set) {
             (Some(address), _) => in_store(address, watch),

@@ -78,35 +78,42 @@ impl Plan {
         self
     }
 
-    /// Returns the sensors of a job with `[sensors]`, in order; `None` for a job of one sensor.
+    /// Returns the sensors of a job with `[sensors]`, in order; `None` for a job of one sensor. Each is prepared, which
+    /// takes some milliseconds.
     pub fn sensor_set(&self) -> Option<Vec<SetMember>> {
+        let named = self.name_sensors()?;
+        Some(named.into_iter().map(|(folder, unit, plan)| plan.to_member(folder, unit)).collect())
+    }
+
+    /// Names the folder of each sensor of a job with `[sensors]`, with the number of its unit and the plan it comes from.
+    fn name_sensors(&self) -> Option<Vec<(String, Option<u32>, &Self)>> {
         let sensors = self.job.sensors.as_ref()?;
         let mut known = HashSet::new();
-        let mut members = Vec::new();
+        let mut named = Vec::new();
         for of_sensor in std::iter::once(self).chain(&self.further_sensors) {
             let name = unique_name(&of_sensor.job.sensor.name, &mut known);
             match sensors.count {
-                None => members.push(of_sensor.to_member(name, None)),
+                None => named.push((name, None, of_sensor)),
                 Some(count) => {
-                    members.extend((0..count).map(|unit| of_sensor.to_member(format!("{name}-{unit:04}"), Some(unit))))
+                    named.extend((0..count).map(|unit| (format!("{name}-{unit:04}"), Some(unit), of_sensor)));
                 }
             }
         }
-        Some(members)
+        Some(named)
     }
 
     /// Returns the folders of the job's datasets, if its own or that of its set is `root`.
     pub fn dataset_folders(&self, root: &Path) -> Vec<PathBuf> {
-        match self.sensor_set() {
+        match self.name_sensors() {
             None => vec![root.to_owned()],
-            Some(members) => members.iter().map(|member| root.join(&member.folder)).collect(),
+            Some(named) => named.iter().map(|(folder, ..)| root.join(folder)).collect(),
         }
     }
 
     /// Returns a note for commands that show one sensor, if the job has `[sensors]`.
     pub fn note_one_of_sensors(&self) -> Report {
-        let Some(members) = self.sensor_set().filter(|members| members.len() > 1) else { return Report::default() };
-        let message = format!("the job has {} sensors; this shows {}", members.len(), self.job.sensor.name);
+        let Some(named) = self.name_sensors().filter(|named| named.len() > 1) else { return Report::default() };
+        let message = format!("the job has {} sensors; this shows {}", named.len(), self.job.sensor.name);
         let help =
             "gelsim generate presses the objects into all of them; to see another one, put it first in sensors.from";
         Diagnostic::note(message).help(help).into()

@@ -13,7 +13,7 @@ use super::input::columns::ColumnMeaning;
 use super::input::folders::FolderKind;
 use super::input::{InputLayout, RealDataset};
 use super::split::Division;
-use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::spelling::join_alternatives;
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
@@ -82,6 +82,10 @@ fn load_job(path: &Path, size: Option<[usize; 2]>) -> Result<Plan, Report> {
     let plan = Plan::load(path, &Overrides { set: set.into_iter().collect(), fidelity: None })?;
     plan.require_single_presses("[mixing]")?;
     plan.require_single_objects("[mixing]")?;
+    if plan.job().sensors.is_some() {
+        let help = "name a job without [sensors], or the job.toml of one of its datasets";
+        return Err(user_error("[mixing] adds samples of one sensor, and this job has several", help));
+    }
     match plan.open_fidelity_choice() {
         None => Ok(plan),
         Some(bound) => {

@@ -153,6 +153,10 @@ fn synthetic_samples_go_to_the_folder_of_their_class() {
     folder.write("new.toml", super::JOB.replace("class = \"pointed\"", "class = \"cube\""));
     let said = folder.succeed("augment augment.toml --out other");
     assert!(!said.contains("note: "), "{said}");
+    // Real images are of one sensor.
+    folder.write("new.toml", format!("{}\n[sensors]\ncount = 2\n", super::JOB));
+    let said = folder.fail("augment augment.toml --out sensors", 2);
+    assert!(said.contains("[mixing] adds samples of one sensor, and this job has several"), "{said}");
 }
 
 #[test]
