@@ -16,6 +16,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use rayon::prelude::*;
+use rustix::process::{Resource, getrlimit};
 
 use crate::cleanup::{self, DATA_FOLDER};
 use crate::dataset_error::DatasetError;
@@ -166,8 +167,15 @@ struct Target<'a> {
 /// Makes sample `index` of several plans: [`make_samples`], or a replacement in tests.
 type DrawSamples = dyn Fn(&[&Plan], u64, &[FrameStorage<'_>]) -> Result<Vec<EncodedSample>, SampleError> + Sync;
 
-/// Most shards of a set that all threads together have open. Those of one thread share their contacts.
-const MAX_OPEN: usize = 256;
+/// Most shards of a set that all threads together have open.
+const MAX_OPEN: u64 = 256;
+
+/// Returns how many shards of a set a thread writes together. They share their contacts. Each has a file and a lock
+/// open, and as many files again are left for everything else.
+fn shards_together(threads: usize) -> usize {
+    let allowed = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
+    ((allowed / 4).min(MAX_OPEN) as usize / threads.max(1)).max(1)
+}
 
 /// Generates the dataset, or those shards of it that the request names.
 pub fn generate(plan: &Plan, request: &GenerateRequest, watch: &RunMonitor) -> Result<RunSummary, GenerateError> {
@@ -293,7 +301,7 @@ fn run_generation(
     let places: Vec<(u64, &Target<'_>)> =
         wanted.clone().flat_map(|number| targets.iter().map(move |target| (number, target))).collect();
     let found: Vec<ShardState> = pool.install(|| places.into_par_iter().map(look).collect::<Result<_, _>>())?;
-    let together = (MAX_OPEN / pool.current_num_threads()).max(1);
+    let together = shards_together(pool.current_num_threads());
     let mut missing = Vec::new();
     for (number, states) in wanted.clone().zip(found.chunks(targets.len())) {
         let shard = layout.shard(number);

@@ -16,7 +16,7 @@ from typing import Any, Optional
 
 from gelsim import __version__
 from gelsim._native import RunError, UsageError
-from gelsim.dataset import SET_FILE, Dataset, SensorSet
+from gelsim.dataset import SET_FILE, Dataset, SensorSet, read_manifest, read_set
 from gelsim.export import check, parts, trees
 from gelsim.export.content import identity
 from gelsim.needed import LIBRARIES, installed, need_all
@@ -142,13 +142,15 @@ def columns() -> int:
 def run(options: argparse.Namespace) -> int:
     """Runs the command; its exit status."""
     form: Any = import_module(f"gelsim.export.{options.to}")
-    need_all(form.LIBRARIES)
     is_tree, is_set = hasattr(form.Writer, "SOURCE"), (options.dataset / SET_FILE).is_file()
     if is_set and not is_tree:
         raise UsageError(f"{options.dataset} is a set of sensors: name the folder of one of them")
+    folder = read_set(options.dataset)["sensors"][0]["folder"] if is_set else ""
+    suffixes = read_manifest(options.dataset / folder)["layers"]
+    has_exr = form.HAS_FLOATS and any(suffix.endswith(".exr") for suffix in suffixes)
+    # All at once, before anything that needs one of them.
+    need_all([*form.LIBRARIES, *(["OpenEXR"] if has_exr else [])])
     dataset: Dataset[Sample] = (SensorSet if is_set else Dataset)(options.dataset)
-    if form.HAS_FLOATS and any(suffix.endswith(".exr") for suffix in dataset.manifest["layers"]):
-        need_all([*form.LIBRARIES, "OpenEXR"])
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples: `gelsim generate JOB --out FOLDER` writes some")
     out: Path = options.out
@@ -163,7 +165,10 @@ def run(options: argparse.Namespace) -> int:
     whence = {**identity(dataset, options.to), **more}
 
     def start(folder: Path) -> Any:
-        return form.Writer(dataset, folder, out, whence)
+        writer = form.Writer(dataset, folder, out, whence)
+        if options.to == "sitr":
+            writer.calibration = options.calibration
+        return writer
 
     try:
         if options.check:

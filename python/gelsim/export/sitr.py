@@ -30,10 +30,11 @@ class Writer(trees.Tree):
 
     # Its loader takes everything beside the sensors' folders for a sensor.
     SOURCE = "sensor_0000/gelsim.json"
+    calibration: Path
+    """Folder of the calibration presses."""
 
     def __init__(self, dataset: Dataset[Sample], folder: Path, out: Path, identity: dict[str, Any]) -> None:
         super().__init__(dataset, folder, out, identity)
-        self.calibration = Path(identity["calibration"]["path"])
         self.sensors = list(sensors_of(dataset))
         ends, self.firsts = dict.fromkeys(self.sensors, 0), []
         for shard, home in zip(dataset.shards, self.homes):
@@ -90,7 +91,7 @@ def prepare(dataset: Dataset[Sample], calibration: Optional[Path]) -> dict[str, 
         if raw.label["sensor"]["leds"] != of_samples.raw(0).label["sensor"]["leds"]:
             raise UsageError(f"{of_presses.path} has other light than {of_samples.path}: give both jobs one [sensor] and seed")
         calibration_images(of_presses)
-    return {"path": str(calibration), **content.identity(presses, "sitr")}
+    return content.identity(presses, "sitr")
 
 
 def calibrating(folder: Path) -> Dataset[Sample]:
