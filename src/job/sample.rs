@@ -66,24 +66,26 @@ pub fn press_with_simulator(plan: &Plan, scene: &Scene, simulator: Arc<Simulator
 /// computed, once.
 pub fn render_together(plans: &[&Plan], index: u64, mut each: impl FnMut(&Plan, Sample)) {
     let mut drawn: Vec<(Scene, Arc<Simulator>)> = Vec::with_capacity(plans.len());
+    let mut presses: Vec<Press> = Vec::with_capacity(plans.len());
     let mut seconds = Vec::with_capacity(plans.len());
     for plan in plans {
         let mut clock = ThreadClock::start();
         // The sensor of this draw alone says whether an earlier scene fits.
-        let known = drawn.iter().zip(plans).find_map(|((scene, simulator), known)| {
-            let presses_same = known.presses_like(plan) && simulator.models() == plan.simulator.models();
-            let scene = presses_same.then(|| scene.seen_by_sensor(plan))?;
+        let known = drawn.iter().zip(plans).zip(&presses).find_map(|(((scene, simulator), known), press)| {
+            let scene = known.presses_like(plan).then(|| scene.seen_by_sensor(plan))?;
             let own = scene.simulator(plan);
-            own.shares_contact(simulator).then_some((scene, own))
+            let is_shared = own.shares_contact(simulator);
+            is_shared.then(|| (scene.press_again(press), scene, own))
         });
-        drawn.push(known.unwrap_or_else(|| {
+        let (press, scene, simulator) = known.unwrap_or_else(|| {
             let scene = Scene::draw_pressed(plan, index, 0);
             let simulator = scene.simulator(plan);
-            (scene, simulator)
-        }));
+            (scene.to_press(plan), scene, simulator)
+        });
+        presses.push(press);
+        drawn.push((scene, simulator));
         seconds.push(clock.lap());
     }
-    let presses: Vec<Press> = drawn.iter().zip(plans).map(|((scene, _), plan)| scene.to_press(plan)).collect();
     let pressed: Vec<(&Simulator, &Press)> =
         drawn.iter().zip(&presses).map(|((_, simulator), press)| (&**simulator, press)).collect();
     let mut scenes = plans.iter().zip(&drawn).zip(seconds);

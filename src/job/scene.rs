@@ -406,6 +406,13 @@ impl Scene {
         Arc::new(plan.simulator_of(drawn))
     }
 
+    /// Returns a press of the same objects by another sensor, with what this scene's sensor draws.
+    pub fn press_again(&self, press: &Press) -> Press {
+        let mut again = press.clone();
+        (again.markers, again.camera, again.unit_key) = (self.markers, self.camera, self.unit_key);
+        again
+    }
+
     /// Converts to the press that the simulator renders.
     pub fn to_press(&self, plan: &Plan) -> Press {
         let texture = |DrawnTexture { relief, sample, .. }: &DrawnTexture| Texture {

@@ -160,7 +160,9 @@ fn a_set_grows_by_units_sensors_and_samples() {
 
 #[test]
 fn unpaired_sensors_feel_presses_of_their_own() {
-    let folder = Folder::with_job(&format!("{JOB}[sensors]\ncount = 2\npaired = false\n"));
+    // One pad, so that contacts could be shared if presses were the same.
+    let pad = "[sensor.unit]\ngelpad_thickness = 0.0\ngelpad_youngs_modulus = 0.0\n";
+    let folder = Folder::with_job(&format!("{JOB}[sensors]\ncount = 2\npaired = false\n{pad}"));
     folder.succeed("generate job.toml --quiet --out set");
     let names = folders(&folder, "set");
     let [one, other] = [0, 1].map(|k| folder.labels(&format!("set/{}", names[k])));
