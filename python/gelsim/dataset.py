@@ -188,6 +188,12 @@ class SensorSet(Dataset[S]):
         self.shards = [shard for one in self.sensors.values() for shard in one.shards]
         self._ends = list(accumulate(each.samples for each in self.shards))
 
+    @property
+    def calibration(self) -> Optional[SensorSet[Sample]]:
+        """The calibration presses of the sensors; None if there are none."""
+        folder = self.set.get("calibration")
+        return None if folder is None else SensorSet(self.path / folder)
+
     def pairs(self) -> Pairs[S]:
         """Each press as all sensors see it: a sequence of lists, with a sample of each sensor in the order of `sensors`.
 
@@ -343,7 +349,8 @@ def read_set(path: Path) -> dict[str, Any]:
         if not isinstance(version, int) or version > SET_VERSION:
             raise UsageError(f"{file} is of a newer gelsim (set_version {version}): install that, or a newer one")
         folders = [each["folder"] for each in found["sensors"]]
-        if not folders or not isinstance(found["paired"], bool) or any(Path(each).name != each for each in folders):
+        inside = [*folders, found.get("calibration", "calibration")]
+        if not folders or not isinstance(found["paired"], bool) or any(Path(each).name != each for each in inside):
             raise ValueError("it names no folders beside it")
         return cast("dict[str, Any]", found)
     except OSError as error:

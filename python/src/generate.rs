@@ -8,9 +8,7 @@ use std::thread;
 use std::time::Duration;
 
 use gelsim_dataset::folder::recorded_fidelity;
-use gelsim_dataset::generate::{
-    GenerateError, GenerateRequest, RunMonitor, RunSummary, generate as write, generate_set,
-};
+use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate as write};
 use gelsim_dataset::verify::{DatasetFinding, Remedy};
 use gelsim_files::store::{StoreAddress, explain_mistaken_output};
 use gelsim_job::label::sample_key;
@@ -102,11 +100,7 @@ fn run_watching_signals(
     let pool = ThreadPoolBuilder::new().num_threads(request.threads.unwrap_or(0)).build();
     let pool = pool.map_err(|error| runtime_error(format!("cannot start threads: {error}")))?;
     // A panic leaves nothing half changed that is used later.
-    let write = || match plan.sensor_set() {
-        Some(members) => generate_set(&members, request, &watch),
-        None => write(plan, request, &watch),
-    };
-    let run = || catch_unwind(AssertUnwindSafe(|| pool.install(write)));
+    let run = || catch_unwind(AssertUnwindSafe(|| pool.install(|| write(plan, request, &watch))));
     // Python runs handlers only on its main thread. On any other, the signals of the run would never be seen.
     let threading = py.import("threading")?;
     let is_main = threading.call_method0("current_thread")?.is(&threading.call_method0("main_thread")?);

@@ -192,6 +192,9 @@ impl Job {
                 Ok(RenderedSample::Sequence(frames, to_json_line(&accepted.label)))
             }
         }));
+        if let Some((path, error)) = plan.find_mesh_failure() {
+            return Err(runtime_error(format!("{}: {error}", path.display())));
+        }
         match rendered {
             Ok(Ok(arrays)) => Ok(arrays),
             Ok(Err(unfit)) => Err(rejected_sample_error(plan, &unfit)),

@@ -8,6 +8,7 @@ use gelsim_dataset::dataset_error::DatasetError;
 use gelsim_files::diagnostic::{Diagnostic, DisplayOptions, Report};
 use gelsim_files::spelling::{escape_hidden_chars, strip_os_error_codes};
 use gelsim_files::store::{self, StoreError};
+use gelsim_job::plan::Plan;
 
 /// Why the program ends with a status other than 0.
 #[derive(Debug)]
@@ -39,6 +40,11 @@ impl Failure {
     /// Returns the failure of a file that could not be read or written.
     pub(super) fn from_path(path: &Path, error: &dyn std::fmt::Display) -> Self {
         Self::runtime(format!("{}: {error}", path.display()))
+    }
+
+    /// Returns the failure of a plan of which a mesh could not be read again.
+    pub(super) fn check_meshes(plan: &Plan) -> Result<(), Self> {
+        plan.find_mesh_failure().map_or(Ok(()), |(path, error)| Err(Self::from_path(&path, &error)))
     }
 
     /// Returns the failure of something that the system refused: `what` it was, the remedy if `error` tells one, and

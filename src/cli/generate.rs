@@ -12,9 +12,7 @@ use super::store::{parse_address, staging_folder};
 use super::terminal::print_to_stderr;
 use super::{Extent, Failure, JobOverrides, settle_fidelity};
 use gelsim_dataset::folder::recorded_fidelity;
-use gelsim_dataset::generate::{
-    GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store, generate_set,
-};
+use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store};
 use gelsim_dataset::verify::{DatasetFinding, Remedy};
 use gelsim_files::diagnostic::{Diagnostic, user_error};
 use gelsim_files::store::{StoreAddress, open_store};
@@ -102,11 +100,9 @@ impl Generate {
                 watch,
             )
         };
-        let set = plan.sensor_set();
-        let (result, signal) = run_interruptible(log, |watch| match (&store, &set) {
-            (Some(address), _) => in_store(address, watch),
-            (None, Some(members)) => generate_set(members, &request, watch),
-            (None, None) => generate(&plan, &request, watch),
+        let (result, signal) = run_interruptible(log, |watch| match &store {
+            Some(address) => in_store(address, watch),
+            None => generate(&plan, &request, watch),
         })?;
         match result {
             Ok(done) => {

@@ -55,6 +55,7 @@ impl Plan {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let forecast = forecast(&plan, samples, shards.end - shards.start, threads.unwrap_or(cores));
         let forecast = forecast.map_err(|error| Failure::runtime(error.to_string()))?;
+        Failure::check_meshes(&plan)?;
         if !foreseen.may_miss {
             let missed =
                 forecast.contacts.note_missed_contacts(&plan, |plan, index| probe_first_draw(plan, index).in_contact);
@@ -178,13 +179,16 @@ fn format_totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64
 
 /// Formats what is made for all sensors of a set, of which the forecast is for the first.
 fn format_set(plan: &plan::Plan, forecast: &Forecast, sensors: u64) -> String {
+    let presses = plan.calibration.as_ref().map(|presses| presses.layout.sample_count());
+    let presses =
+        presses.map_or_else(String::new, |count| format!(", and {} calibration presses of each", HumanCount(count)));
     format!(
-        "all    {} sensors: {} samples, about {}, at most {}\n       (the lines above are those of the first, {})\n",
+        "all    {} sensors: {} samples{presses}; if all are like the first, {}, about {}, at most {}\n",
         HumanCount(sensors),
         HumanCount(sensors * forecast.samples),
+        plan.job().sensor.name,
         HumanBytes(sensors * forecast.bytes as u64),
         HumanDuration(sensors as f64 * forecast.wall_s),
-        plan.job().sensor.name,
     )
 }
 

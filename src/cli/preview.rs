@@ -199,7 +199,9 @@ impl Preview {
             None => (0..self.count.clamp(1, samples.max(1))).collect(),
         };
         let wanted = self.layer_selection();
-        Ok(indices.par_iter().map(|&index| Tile::render_sample(&plan, index, &wanted)).collect())
+        let tiles = indices.par_iter().map(|&index| Tile::render_sample(&plan, index, &wanted)).collect();
+        Failure::check_meshes(&plan)?;
+        Ok(tiles)
     }
 
     /// Reads samples of a dataset: the one asked for, or some of every split and class.

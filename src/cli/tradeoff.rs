@@ -89,6 +89,7 @@ impl Tradeoff {
         }
         let samples = self.samples.unwrap_or(SAMPLES.max(plan.sampling.objects.len() as u64));
         let result = measure_tradeoff(&plan, samples, said);
+        Failure::check_meshes(&plan)?;
         let page = plot::draw_tradeoff(&result);
         let json = serde_json::to_string_pretty(&result).map_err(|error| failed(&folder, &error))? + "\n";
         let files = [

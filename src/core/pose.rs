@@ -9,7 +9,8 @@ use crate::mesh::clusters::Clusters;
 use crate::mesh::nearest::first_hit_along;
 
 /// The side of an object that faces the pad, in the object's own axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Side {
     /// The side towards +x.
     PlusX,

@@ -80,16 +80,20 @@ impl fmt::Display for SampleError {
 
 /// Makes sample `index` as a dataset has it: a press, a grip, or a sequence. The error says why there is none.
 pub fn make_sample(plan: &Plan, index: u64, keep: FrameStorage<'_>) -> Result<EncodedSample, SampleError> {
-    match (&plan.job().sequence, &plan.job().gripper) {
-        (None, None) => Ok(encode_press(plan, accept_sample(plan, index)?)),
-        (None, Some(_)) => Ok(encode_grip(plan, gripper::accept_grip(plan, index)?)),
+    let sample = match (&plan.job().sequence, &plan.job().gripper) {
+        (None, None) => accept_sample(plan, index).map(|accepted| encode_press(plan, accepted)).map_err(Into::into),
+        (None, Some(_)) => {
+            gripper::accept_grip(plan, index).map(|accepted| encode_grip(plan, accepted)).map_err(Into::into)
+        }
         (Some(_), None) => {
             encode_sequence(plan, index, keep, encode_layers, |each| sequence::accept_sequence(plan, index, each))
         }
         (Some(_), Some(_)) => encode_sequence(plan, index, keep, encode_both_fingers, |each| {
             gripper::sequence::accept_grip_sequence(plan, index, each)
         }),
-    }
+    };
+    require_meshes(plan)?;
+    sample
 }
 
 /// Makes sample `index` of several plans, each as [`make_sample`] does. If these are single presses of the same objects
@@ -104,9 +108,18 @@ pub fn make_samples(plans: &[&Plan], index: u64, keep: &[FrameStorage<'_>]) -> R
         job.sequence.is_none() && job.gripper.is_none() && job.output.on_unhealthy != OnUnhealthy::Reject
     };
     match plans {
-        [_, _, ..] if plans.iter().all(are_pressed_once) => make_presses_together(plans, index),
+        [first, _, ..] if plans.iter().all(are_pressed_once) => {
+            let samples = make_presses_together(plans, index);
+            require_meshes(first)?;
+            samples
+        }
         _ => plans.iter().zip(keep).map(|(plan, keep)| make_sample(plan, index, *keep)).collect(),
     }
+}
+
+/// Refuses samples of which a mesh could not be read again.
+fn require_meshes(plan: &Plan) -> Result<(), SampleError> {
+    plan.find_mesh_failure().map_or(Ok(()), |(path, error)| Err(SampleError::Io(path, error)))
 }
 
 fn make_presses_together(plans: &[&Plan], index: u64) -> Result<Vec<EncodedSample>, SampleError> {

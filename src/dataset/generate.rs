@@ -22,7 +22,7 @@ use crate::cleanup::{self, DATA_FOLDER};
 use crate::dataset_error::DatasetError;
 use crate::encode::{EncodedSample, FrameStorage, SampleError, make_samples};
 use crate::finalize::{Finalized, finalize};
-use crate::folder::{check_still_ours, prepare_folder, recorded_samples};
+use crate::folder::{KnownJob, check_still_ours, prepare_folder, recorded_samples};
 use crate::lock::Lock;
 use crate::manifest::Manifest;
 use crate::mirror::StoreMirror;
@@ -38,7 +38,7 @@ use gelsim_files::diagnostic::{Report, user_error};
 use gelsim_files::store::{Store, StoreFailure, find_store_error as store_said};
 use gelsim_job::config::output::Container;
 use gelsim_job::layout::Shard;
-use gelsim_job::plan::{Plan, SetMember};
+use gelsim_job::plan::{CALIBRATION_FOLDER, Plan, SetMember};
 use gelsim_job::sample::RejectedSample;
 
 /// What to generate, and where.
@@ -137,7 +137,7 @@ impl From<DatasetError> for GenerateError {
 pub struct RunMonitor {
     /// Set to stop the run. Presses under way are finished, sequences end after a frame, and both are dropped; complete
     /// shards stay.
-    pub stop: AtomicBool,
+    pub stop: Arc<AtomicBool>,
     /// Samples rendered so far.
     pub rendered: AtomicU64,
     /// Shards written so far.
@@ -162,6 +162,7 @@ struct Target<'a> {
     plan: &'a Plan,
     root: PathBuf,
     mirror: Option<StoreMirror<'a>>,
+    known_job: KnownJob,
 }
 
 /// Makes sample `index` of several plans: [`make_samples`], or a replacement in tests.
@@ -177,23 +178,39 @@ fn shards_together(threads: usize) -> usize {
     ((allowed / 4).min(MAX_OPEN) as usize / threads.max(1)).max(1)
 }
 
-/// Generates the dataset, or those shards of it that the request names.
+/// Generates the dataset, or those shards of it that the request names. For a job with `[sensors]` that is a dataset for
+/// each, in a folder below `request.root`. The run that makes the first shard also makes the calibration presses.
 pub fn generate(plan: &Plan, request: &GenerateRequest, watch: &RunMonitor) -> Result<RunSummary, GenerateError> {
-    let target = Target { plan, root: request.root.clone(), mirror: None };
+    if let Some(members) = plan.sensor_set() {
+        return generate_set(plan, &members, request, watch);
+    }
+    let target = Target { plan, root: request.root.clone(), mirror: None, known_job: KnownJob::default() };
     run_generation(&[target], request, watch, &make_samples)
 }
 
-/// Generates the datasets of several sensors, each into its folder below `request.root`, or those shards of all of them
-/// that the request names.
-pub fn generate_set(
+fn generate_set(
+    plan: &Plan,
     members: &[SetMember],
     request: &GenerateRequest,
     watch: &RunMonitor,
 ) -> Result<RunSummary, GenerateError> {
-    sensor_set::prepare_set_folder(&request.root, members, request.overwrite)?;
+    sensor_set::prepare_set_folder(&request.root, members, plan.calibration.is_some(), request.overwrite)?;
+    if let Some(presses) =
+        plan.calibration.as_ref().filter(|_| request.shards.as_ref().is_none_or(|shards| shards.contains(&0)))
+    {
+        let request = GenerateRequest { root: request.root.join(CALIBRATION_FOLDER), shards: None, ..request.clone() };
+        // What is shown of progress is that of the set.
+        let watch = RunMonitor { stop: Arc::clone(&watch.stop), ..RunMonitor::default() };
+        generate(presses, &request, &watch)?;
+    }
     let targets: Vec<Target<'_>> = members
         .iter()
-        .map(|member| Target { plan: &member.plan, root: request.root.join(&member.folder), mirror: None })
+        .map(|member| Target {
+            plan: &member.plan,
+            root: request.root.join(&member.folder),
+            mirror: None,
+            known_job: KnownJob::default(),
+        })
         .collect();
     run_generation(&targets, request, watch, &make_samples)
 }
@@ -212,7 +229,8 @@ pub fn generate_in_store(
         return Err(GenerateError::Usage(user_error(message, help)));
     }
     let mirror = StoreMirror::create(store, &request.root)?;
-    let targets = [Target { plan, root: mirror.root().to_owned(), mirror: Some(mirror) }];
+    let targets =
+        [Target { plan, root: mirror.root().to_owned(), mirror: Some(mirror), known_job: KnownJob::default() }];
     run_generation(&targets, request, watch, &make_samples).map_err(|error| match error {
         GenerateError::Io(_, error) if store_said(&error).is_some_and(|said| said.cause == StoreFailure::Stopped) => {
             GenerateError::Interrupted
@@ -235,7 +253,7 @@ fn prepare_target(
     wanted: &Range<u64>,
     request: &GenerateRequest,
 ) -> Result<Option<u64>, GenerateError> {
-    let Target { plan, root, mirror } = target;
+    let Target { plan, root, mirror, .. } = target;
     let grown_from = match mirror {
         None => prepare_folder(root, root, plan, request.overwrite)?,
         Some(mirror) => {
@@ -382,7 +400,7 @@ fn name_in_set(targets: &[Target<'_>], target: usize, name: &str) -> String {
 /// Completes a dataset if all its shards are there, and returns whether they are. `held` are shards of any dataset that
 /// other processes are writing.
 fn finish_dataset(target: &Target<'_>, wanted: &Range<u64>, held: &[String]) -> Result<bool, GenerateError> {
-    let Target { plan, root, mirror } = target;
+    let Target { plan, root, mirror, .. } = target;
     if let Some(mirror) = mirror {
         mirror.refresh(&plan.layout)?;
     }
@@ -504,7 +522,7 @@ impl GenerationRun<'_> {
 
     /// Begins a shard of a target, unless it is there or another process is writing it.
     fn open_shard(&self, number: usize, shard: &Shard) -> Result<OpenShard, GenerateError> {
-        let Target { plan, root, mirror } = &self.targets[number];
+        let Target { plan, root, mirror, known_job } = &self.targets[number];
         let paths = ShardPaths::new(root, shard, plan.output().container);
         let lock = {
             // Under the dataset's lock: a run that replaces the dataset either finds this shard locked, or has done so
@@ -513,7 +531,7 @@ impl GenerationRun<'_> {
             let _alone = Lock::acquire(&of_all).map_err(|error| GenerateError::Io(of_all.clone(), error))?;
             let taken = Lock::try_acquire(&paths.lock).map_err(|error| GenerateError::Io(paths.lock.clone(), error))?;
             match mirror {
-                None => check_still_ours(root, plan)?,
+                None => check_still_ours(root, plan, known_job)?,
                 Some(mirror) => mirror.still_ours(plan)?,
             }
             taken
@@ -610,7 +628,7 @@ mod tests {
                 27 => panic!("injected"),
                 _ => make_samples(plans, index, keep),
             };
-            let targets = [Target { plan: &plan, root: root.clone(), mirror: None }];
+            let targets = [Target { plan: &plan, root: root.clone(), mirror: None, known_job: KnownJob::default() }];
             match run_generation(&targets, &request, &RunMonitor::default(), &broken) {
                 Err(GenerateError::Panicked(27, message)) => assert_eq!(message, "injected"),
                 other => panic!("{other:?}"),

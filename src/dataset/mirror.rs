@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use super::cleanup::{DATA_FOLDER, DESCRIPTION_FILES, SHARD_FOLDERS};
 use super::dataset_error::DatasetError;
 use super::finalize::{Finalized, check_same_version, finalize};
-use super::folder::check_still_ours;
+use super::folder::{KnownJob, check_still_ours};
 use super::paths::ShardPaths;
 use super::recorded::RecordedDataset;
 use super::stats::ShardStats;
@@ -41,6 +41,8 @@ pub struct StoreMirror<'a> {
     root: PathBuf,
     /// Names of the objects of which the folder has a file.
     shown: Mutex<BTreeSet<String>>,
+    /// What was found of the job.
+    known_job: KnownJob,
     /// The job in the store, as it was last read.
     job: Mutex<Option<Vec<u8>>>,
     /// The folder, locked to show other hosts that it is in use.
@@ -61,7 +63,14 @@ impl<'a> StoreMirror<'a> {
             Ok(held)
         };
         let held = begin().map_err(|error| DatasetError::Io(root.clone(), error))?;
-        Ok(Self { store, root, shown: Mutex::default(), job: Mutex::default(), _held: held })
+        Ok(Self {
+            store,
+            root,
+            shown: Mutex::default(),
+            job: Mutex::default(),
+            known_job: KnownJob::default(),
+            _held: held,
+        })
     }
 
     /// Returns the folder.
@@ -183,7 +192,7 @@ impl<'a> StoreMirror<'a> {
             shown.map_err(|error| DatasetError::Io(path, error))?;
             *job = found;
         }
-        check_still_ours(&self.root, plan)
+        check_still_ours(&self.root, plan, &self.known_job)
     }
 
     /// Brings a finished shard to the store, and then its stats. If the store has `older` stats, they are removed

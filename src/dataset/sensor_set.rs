@@ -13,7 +13,7 @@ use super::dataset_error::DatasetError;
 use super::versioned::Versioned;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::write::write_atomically;
-use gelsim_job::plan::SetMember;
+use gelsim_job::plan::{CALIBRATION_FOLDER, SetMember};
 
 /// Name of the file that names the sensors.
 pub const SET_FILE: &str = "sensors.json";
@@ -29,6 +29,9 @@ pub struct SensorSet {
     pub paired: bool,
     /// The sensors, in the order of the job.
     pub sensors: Vec<SetEntry>,
+    /// Folder of the set of their calibration presses, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<String>,
 }
 
 /// One sensor of a set.
@@ -51,7 +54,7 @@ impl Versioned for SensorSet {
 }
 
 impl SensorSet {
-    fn new(members: &[SetMember]) -> Self {
+    fn new(members: &[SetMember], has_calibration: bool) -> Self {
         let entry = |SetMember { folder, unit, plan }: &SetMember| SetEntry {
             folder: folder.clone(),
             sensor: plan.job().sensor.name.clone(),
@@ -64,6 +67,7 @@ impl SensorSet {
             generator: env!("CARGO_PKG_VERSION").to_owned(),
             paired: seeds.all(|seed| Some(seed) == first),
             sensors: members.iter().map(entry).collect(),
+            calibration: has_calibration.then(|| CALIBRATION_FOLDER.to_owned()),
         }
     }
 
@@ -71,24 +75,36 @@ impl SensorSet {
     pub fn find(root: &Path) -> Result<Option<Self>, DatasetError> {
         let found = Self::read(&root.join(SET_FILE))?;
         // Folders outside of the set's own are not read.
-        let is_inside = |entry: &SetEntry| {
-            let mut parts = Path::new(&entry.folder).components();
+        let is_inside = |folder: &String| {
+            let mut parts = Path::new(folder).components();
             matches!((parts.next(), parts.next()), (Some(std::path::Component::Normal(_)), None))
         };
-        Ok(found.filter(|set| !set.sensors.is_empty() && set.sensors.iter().all(is_inside)))
+        let is_sound = |set: &Self| {
+            let mut folders = set.sensors.iter().map(|entry| &entry.folder).chain(&set.calibration);
+            !set.sensors.is_empty() && folders.all(is_inside)
+        };
+        Ok(found.filter(is_sound))
     }
 }
 
-/// Returns the folders of the datasets in `root`: those of its sensors if it is a set, else itself.
+/// Returns the folders of the datasets in `root`: those of its sensors and of their calibration presses if it is a set,
+/// else itself.
 pub fn list_dataset_folders(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
-    Ok(match SensorSet::find(root)? {
-        Some(set) => set.sensors.iter().map(|entry| root.join(&entry.folder)).collect(),
-        None => vec![root.to_owned()],
-    })
+    let Some(set) = SensorSet::find(root)? else { return Ok(vec![root.to_owned()]) };
+    let mut folders: Vec<PathBuf> = set.sensors.iter().map(|entry| root.join(&entry.folder)).collect();
+    if let Some(presses) = set.calibration {
+        folders.extend(list_dataset_folders(&root.join(presses))?);
+    }
+    Ok(folders)
 }
 
 /// Prepares `root` for a set: a new folder, an empty one, or that of a set whose sensors are among these.
-pub(crate) fn prepare_set_folder(root: &Path, members: &[SetMember], overwrite: bool) -> Result<(), DatasetError> {
+pub(crate) fn prepare_set_folder(
+    root: &Path,
+    members: &[SetMember],
+    has_calibration: bool,
+    overwrite: bool,
+) -> Result<(), DatasetError> {
     let refused = |message: String, help: &str| Err(DatasetError::Usage(user_error(message, help)));
     let failed = |path: &Path| {
         let path = path.to_owned();
@@ -101,7 +117,7 @@ pub(crate) fn prepare_set_folder(root: &Path, members: &[SetMember], overwrite: 
         return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
     }
     let path = root.join(SET_FILE);
-    let set = SensorSet::new(members);
+    let set = SensorSet::new(members, has_calibration);
     let known = SensorSet::find(root)?;
     match &known {
         Some(known) => {
@@ -145,7 +161,7 @@ pub(crate) fn prepare_set_folder(root: &Path, members: &[SetMember], overwrite: 
             if entries.iter().any(|entry| !is_ours(&entry.file_name().to_string_lossy())) {
                 // Another process may have begun the set since it was looked for.
                 if SensorSet::find(root)?.is_some() {
-                    return prepare_set_folder(root, members, overwrite);
+                    return prepare_set_folder(root, members, has_calibration, overwrite);
                 }
                 let message = format!("{} is not empty and holds no set of gelsim", root.display());
                 return refused(message, "choose a new or empty folder with --out");

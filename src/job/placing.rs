@@ -69,8 +69,8 @@ impl TurnedObject {
         let depth_mm = plan.job().indentation.depth_mm.as_ref().map_or(0.0, |depth_mm| draw("indentation", depth_mm));
         let lowest_mm = if touches { -depth_mm } else { NO_CONTACT_GAP_MM };
         let scale = draw("object scale", &plan.sampling.objects[number].scale);
-        let original = &plan.sampling.objects[number].clusters;
-        let clusters = if scale == 1.0 { Arc::clone(original) } else { Arc::new(original.scaled(scale)) };
+        let original = plan.sampling.objects[number].geometry.clusters();
+        let clusters = if scale == 1.0 { original } else { Arc::new(original.scaled(scale)) };
         let turned = match (&pose.roll_deg, &pose.pitch_deg) {
             (None, None) => Pose::turned(side, angles),
             (roll, pitch) => {

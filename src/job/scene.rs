@@ -331,7 +331,7 @@ impl Scene {
         let redrawn = rng::redraw_index(index, attempt);
         let SensorDraw { markers, camera, sensor, unit_key } =
             SensorDraw::draw(plan, |name| rng::random_stream(plan.sensor_seed(), name, redrawn));
-        let clusters = number.map(|number| Arc::clone(&plan.sampling.objects[number].clusters));
+        let clusters = number.map(|number| plan.sampling.objects[number].geometry.clusters());
         Self {
             index,
             attempt,
@@ -388,7 +388,7 @@ impl Scene {
         let shape = match (&self.pressed, &self.clusters) {
             (PressSource::Frame(frame), _) => frame.shape.clone(),
             (PressSource::Object(_), Some(clusters)) => Shape::Mesh(Arc::clone(clusters)),
-            (PressSource::Object(number), None) => Shape::Mesh(Arc::clone(&plan.sampling.objects[*number].clusters)),
+            (PressSource::Object(number), None) => Shape::Mesh(plan.sampling.objects[*number].geometry.clusters()),
         };
         // If the depth is measured elsewhere than at the lowest point, it does not say whether that reaches into the
         // pad.

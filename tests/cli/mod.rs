@@ -27,6 +27,7 @@ mod health;
 mod inside;
 mod inspect;
 mod log;
+mod many_meshes;
 mod messages;
 mod objects;
 mod preview;

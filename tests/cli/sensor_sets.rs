@@ -238,3 +238,88 @@ fn commands_for_one_sensor_say_which_one_they_show() {
     let plan = folder.stdout_of("plan job.toml --quiet");
     assert!(plan.contains("all    4 sensors: 32 samples"), "{plan}");
 }
+
+/// Presses for calibration: six of a cone and of a cube, in turn.
+const PRESSES: &str = "
+[dataset]
+samples = 6
+object_order = \"in_turn\"
+
+[[object]]
+path = \"../cone.obj\"
+
+[[object]]
+path = \"../cube.obj\"
+
+[indentation]
+depth_mm = 0.5
+
+[output]
+layers = [\"reference\"]
+";
+
+/// The job with calibration presses in a file of another folder.
+fn with_presses(presses: &str) -> Folder {
+    let folder = Folder::with_job(&job().replace("[sensors]\n", "[sensors]\ncalibration = \"jobs/presses.toml\"\n"));
+    fs::create_dir(folder.path("jobs")).expect("a folder");
+    folder.write("jobs/presses.toml", presses);
+    folder
+}
+
+#[test]
+fn calibration_presses_are_made_under_the_same_units_and_kept_apart() {
+    let folder = with_presses(PRESSES);
+    let plan = folder.stdout_of("plan job.toml --quiet");
+    assert!(plan.contains("and 6 calibration presses of each"), "{plan}");
+    folder.succeed("generate job.toml --quiet --out set");
+    let names = folders(&folder, "set");
+    assert_eq!(folders(&folder, "set/calibration"), names);
+    for name in &names {
+        let (samples, presses) =
+            (folder.labels(&format!("set/{name}")), folder.labels(&format!("set/calibration/{name}")));
+        assert_eq!((samples.len(), presses.len()), (8, 6));
+        let sensor = |labels: &BTreeMap<String, Value>| labels.values().next().expect("a label")["sensor"].clone();
+        assert_eq!(sensor(&samples), sensor(&presses), "{name}");
+    }
+    let said = folder.stdout_of("verify set");
+    assert_eq!(said.matches("valid and complete").count(), 8, "{said}");
+    // The set itself is the same as without them, and divided runs make them once.
+    fs::write(folder.path("plain.toml"), job()).expect("a job");
+    folder.succeed("generate plain.toml --quiet --out plain");
+    let mut set = lasting(&folder, "set");
+    set.retain(|name, _| !name.starts_with("calibration/") && name != "sensors.json");
+    let mut plain = lasting(&folder, "plain");
+    plain.remove("sensors.json");
+    assert_same_files(&set, &plain);
+    for part in [1, 0] {
+        folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2"));
+    }
+    assert_same_files(&lasting(&folder, "set"), &lasting(&folder, "parts"));
+    // They can be added later.
+    folder.succeed("generate job.toml --quiet --out plain");
+    assert_same_files(&lasting(&folder, "set"), &lasting(&folder, "plain"));
+    assert_each_is_its_own_jobs(&folder, "set/calibration");
+}
+
+#[test]
+fn mistakes_in_the_calibration_presses_are_told_with_their_file() {
+    let cases = [
+        (
+            "[indentation]",
+            "[sensor]\npreset = \"digit\"\n[indentation]",
+            "the calibration presses have `sensor` of their own",
+        ),
+        ("depth_mm = 0.5", "depth_mm = -0.5", "depth_mm"),
+        ("cone.obj", "gone.obj", "gone.obj"),
+        ("depth_mm = 0.5", "depth_mm = ", "presses.toml"),
+    ];
+    for (from, to, expected) in cases {
+        let folder = with_presses(&edited(PRESSES, &[(from, to)]));
+        let said = folder.fail("generate job.toml --out set", 2);
+        assert!(said.contains(expected) && said.contains("presses.toml:"), "{said}");
+        assert!(!folder.path("set").exists());
+    }
+    let folder = Folder::with_job(&job().replace("[sensors]\n", "[sensors]\ncalibration = \"presses.toml\"\n"));
+    let said = folder.fail("generate job.toml --out set", 2);
+    assert!(said.contains("cannot read the job of the calibration presses") && said.contains("presses.toml"), "{said}");
+}

@@ -105,14 +105,15 @@ impl Folder {
     /// `gelsim` with arguments that are separated by single spaces.
     pub fn gelsim(&self, arguments: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_gelsim"));
-        command.current_dir(self.0.path()).args(arguments.split(' '));
+        command.current_dir(self.0.path()).args(arguments.split(' ')).env("GELSIM_CACHE_DIR", self.path("cache"));
         command
     }
 
     /// The same, to be run beside the test.
     pub fn spawn(&self, arguments: &str) -> std::process::Child {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_gelsim"));
-        command.current_dir(self.0.path()).args(arguments.split(' ')).stderr(std::process::Stdio::piped());
+        command.current_dir(self.0.path()).args(arguments.split(' ')).env("GELSIM_CACHE_DIR", self.path("cache"));
+        command.stderr(std::process::Stdio::piped());
         command.spawn().expect("the command starts")
     }
 

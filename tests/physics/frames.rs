@@ -26,7 +26,7 @@ fn frame(plan: &Plan) -> DepthFrame {
     let scene = Scene::draw(plan, 0, 0);
     let PressSource::Object(number) = scene.pressed else { panic!("drawn from meshes") };
     let window = CaptureWindow { margin_px: 0, above_mm: 50.0 };
-    let object = &plan.sampling.objects[number].clusters;
+    let object = &plan.sampling.objects[number].geometry.clusters();
     let mut above_mm =
         depth::capture_mesh(object, &scene.pose.placement(), plan.simulator.view(), window, 50.0).penetration;
     for mm in &mut above_mm.data {

@@ -76,7 +76,7 @@ ELSEWHERE = {
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot --check": ("the wheel", "tests/python/test_formats.py"),
     "gelsim-export out/quickstart --to fota --out quickstart.fota": ("the wheel", "tests/python/test_formats.py"),
     "gelsim-export SET --to LAYOUT --out COPY": ("the wheel", "tests/python/test_layouts.py"),
-    "gelsim-export out/pretrain-sitr --to sitr --calibration out/pretrain-sitr-calibration --out sitr": (
+    "gelsim-export out/pretrain-sitr --to sitr --out sitr": (
         "the wheel",
         "tests/python/test_layouts.py",
     ),

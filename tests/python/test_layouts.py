@@ -225,6 +225,28 @@ def test_sitr_reads_pairs_and_calibrations(sitr, tmp_path):
             assert np.array_equal(opened(folder / f"norms/{k:04}.png", "RGB"), opened(twin / f"norms/{k:04}.png", "RGB"))
 
 
+def test_a_set_with_calibration_presses_of_its_own_needs_no_other(sitr, project, tmp_path):
+    """They are those of a job with the same sensors, and `calibration` of the loaded set."""
+    source, presses = sitr
+    only = {"sensors", "sensor"}
+    job = SITR.format(objects=project / "objects", **PRESSES, pose=GRID)
+    (tmp_path / "own.toml").write_text("\n".join(line for line in job.splitlines() if line.split(" ")[0] not in only))
+    samples = {"samples": 6, "splits": ", splits = { train = 0.5, val = 0.5 }", "first": "gear", "length": ""}
+    job = SITR.format(objects=project / "objects", **samples, pose="{ x_mm = [-2.0, 2.0] }")
+    (tmp_path / "set.toml").write_text(job.replace("count = 2", 'count = 2, calibration = "own.toml"'))
+    gelsim.generate(tmp_path / "set.toml", tmp_path / "set")
+    loaded = gelsim.load(tmp_path / "set")
+    assert gelsim.load(source).calibration is None and len(loaded) == 4 * 6
+    for name, dataset in loaded.calibration.sensors.items():
+        known = gelsim.load(presses / name)
+        assert [sample["tactile"].tobytes() for sample in dataset] == [sample["tactile"].tobytes() for sample in known]
+    copies = [tmp_path / "one", tmp_path / "two"]
+    assert command.main([str(tmp_path / "set"), "--to", "sitr", "--out", str(copies[0]), "--quiet"]) == 0
+    assert command.main([str(source), "--to", "sitr", "--calibration", str(presses), "--out", str(copies[1]), "--quiet"]) == 0
+    one, two = ({path.relative_to(copy): path.read_bytes() for path in copy.rglob("*.png")} for copy in copies)
+    assert one == two and len(one) == 4 * (19 + 3 * 6)
+
+
 def test_sitrs_normals_are_sobels(sitr):
     cv2 = pytest.importorskip("cv2", reason="pip install opencv-python-headless")
     from gelsim.export.sitr import normals
@@ -242,7 +264,7 @@ def test_what_sitr_cannot_be_made_of_is_told(sitr, generated, tmp_path, capsys):
     source, presses = sitr
     small = generated('{ from = ["digit"] }', "indentation.depth_mm = 0.5")
     cases = [
-        ([source], "name the set of their presses with --calibration"),
+        ([source], "or name the set of their presses with --calibration"),
         ([source, "--calibration", small], "has other sensors than"),
         ([small, "--calibration", small], "write resolution_px = [224, 224]"),
         ([source, "--calibration", source], "nine presses of each of two objects, not gear: 4, cube: 2"),

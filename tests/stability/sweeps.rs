@@ -49,7 +49,7 @@ fn lowered(plan: &Plan, lower_mm: f64) -> Shown {
     placement.translation_mm[2] -= lower_mm;
     let mut effects = EffectLog::new(EffectPolicy::WhereNeeded);
     let window = plan.simulator.pad().capture_window((scene.indentation_depth_mm + lower_mm).max(0.0));
-    let object = &plan.sampling.objects[0].clusters;
+    let object = &plan.sampling.objects[0].geometry.clusters();
     let depth = depth::capture_mesh(object, &placement, plan.simulator.view(), window, plan.thickness_mm());
     let contact = gelpad::deform_pad(plan.simulator.pad(), &depth, None, None, false, &mut effects);
     let light = plan.simulator.shader().shade(&contact, plan.simulator.background(), &mut effects).into_light();

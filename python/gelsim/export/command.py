@@ -91,7 +91,7 @@ def arguments() -> argparse.ArgumentParser:
         "-o", "--out", required=True, type=folder, help="the copy: a folder; of hdf5 a file; of zarr a file if it ends in .zip"
     )
     parser.add_argument(
-        "--calibration", type=folder, metavar="DIR", help="for sitr: folder of the calibration presses of the same sensors"
+        "--calibration", type=folder, metavar="DIR", help="for sitr: folder of the calibration presses of the same sensors, if the set has none of its own"
     )
     parser.add_argument("--check", action="store_true", help="compare the copy OUT with DIR, bit by bit, and write nothing")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress and no summary")
@@ -158,6 +158,7 @@ def run(options: argparse.Namespace) -> int:
         raise UsageError(f"--calibration is for sitr, and {options.to} has no calibration images: leave it out")
     more: dict[str, Any] = {}
     if options.to == "sitr":
+        options.calibration = form.find_calibration(dataset, options.calibration)
         more = {"calibration": form.prepare(dataset, options.calibration)}
     elif is_tree:
         form.prepare(dataset)

@@ -68,11 +68,17 @@ class Writer(trees.Tree):
 source = partial(trees.source, name=Writer.SOURCE)
 
 
-def prepare(dataset: Dataset[Sample], calibration: Optional[Path]) -> dict[str, Any]:
+def find_calibration(dataset: Dataset[Sample], named: Optional[Path]) -> Path:
+    """The folder of the calibration presses: the one that is named, or that of the set. Raises if there is none."""
+    own = dataset.set.get("calibration") if isinstance(dataset, SensorSet) else None
+    if named is None and own is None:
+        help = "generate with calibration = \"calibration-presses.toml\" under [sensors], as configs/pretrain-sitr.toml does"
+        raise UsageError(f"sitr has calibration images of each sensor: {help}, or name the set of their presses with --calibration")
+    return named or dataset.path / str(own)
+
+
+def prepare(dataset: Dataset[Sample], calibration: Path) -> dict[str, Any]:
     """Raises if something is wanting. Gives what the copy says of its calibration."""
-    if calibration is None:
-        help = "name the set of their presses with --calibration (configs/pretrain-sitr-calibration.toml makes one)"
-        raise UsageError(f"sitr has calibration images of each sensor: {help}")
     presses = calibrating(calibration)
     if isinstance(dataset, SensorSet) != isinstance(presses, SensorSet) or (
         isinstance(dataset, SensorSet) and isinstance(presses, SensorSet) and dataset.set["sensors"] != presses.set["sensors"]

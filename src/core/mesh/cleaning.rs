@@ -4,7 +4,7 @@
 //! from its origin keeps its micrometres; the centre itself is kept in f64. Equal positions become one vertex,
 //! so that triangle soup (STL) and indexed files give the same mesh.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::MeshError;
 
@@ -23,7 +23,7 @@ pub struct Mesh {
 pub const LARGEST_MM: f64 = 1e7;
 
 /// Counts of what cleaning removed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CleanupReport {
     /// Vertices with a NaN or infinite coordinate. Triangles that use them are removed too.
     pub non_finite_vertices: usize,

@@ -77,6 +77,15 @@ impl Clusters {
         self.clusters.is_empty()
     }
 
+    /// Returns the memory that the object takes, bytes.
+    pub fn memory_bytes(&self) -> usize {
+        let axes = [&self.x, &self.y, &self.z].map(|values| size_of_val(values.as_slice()));
+        let nodes =
+            size_of_val(self.hierarchy.nodes.as_slice()) + size_of_val(self.hierarchy.primitive_indices.as_slice());
+        let clusters = size_of_val(self.clusters.as_slice()) + size_of_val(self.corners.as_slice());
+        axes.iter().sum::<usize>() + nodes + clusters
+    }
+
     /// Divides a mesh into clusters.
     pub fn new(mesh: &Mesh) -> Self {
         let mut order = morton_order(mesh);
@@ -126,6 +135,7 @@ impl Clusters {
         }
         boxes.push(built.push_cluster(open));
         built.hierarchy = build_hierarchy(&boxes);
+        [&mut built.x, &mut built.y, &mut built.z].into_iter().for_each(Vec::shrink_to_fit);
         built
     }
 

@@ -90,6 +90,8 @@ pub struct LoadedMesh {
     pub packages: Vec<String>,
     /// What a user should know of how the file was read.
     pub remarks: Vec<Remark>,
+    /// Whether the mesh also depends on other files, which the file names.
+    pub names_other_files: bool,
 }
 
 /// What a file holds, before cleaning.
@@ -156,6 +158,7 @@ struct MeshFile<'a> {
     states_its_unit: bool,
     packages: Vec<String>,
     remarks: Vec<Remark>,
+    names_other_files: bool,
 }
 
 impl MeshFile<'_> {
@@ -173,6 +176,7 @@ impl MeshFile<'_> {
             states_its_unit,
             packages: self.packages.clone(),
             remarks: self.remarks.clone(),
+            names_other_files: self.names_other_files,
         })
     }
 }
@@ -192,8 +196,10 @@ fn read_mesh_file<'a>(path: &'a Path, reading: MeshReadOptions) -> Result<(MeshF
     let misnamed = (format != named).then_some(Remark::Misnamed(format));
     let remarks = misnamed.into_iter().chain(std::mem::take(&mut raw.remarks)).collect();
     let packages = if format == Format::Urdf { others.package_folders() } else { Vec::new() };
-    let bytes = bytes.len();
-    Ok((MeshFile { path, format, bytes, sha256, mm_per_unit, states_its_unit, packages, remarks }, raw))
+    let (bytes, names_other_files) = (bytes.len(), others.has_read_files());
+    let file =
+        MeshFile { path, format, bytes, sha256, mm_per_unit, states_its_unit, packages, remarks, names_other_files };
+    Ok((file, raw))
 }
 
 /// Says what is wrong with a file whose extension is that of no format.

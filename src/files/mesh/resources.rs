@@ -56,6 +56,11 @@ impl Resources {
         Ok(bytes)
     }
 
+    /// Returns true if a file was read.
+    pub(super) fn has_read_files(&self) -> bool {
+        !self.hashes.is_empty()
+    }
+
     /// Calls `what` with relative names starting from the folder of `path`.
     pub(super) fn with_base_folder<T>(&mut self, path: &Path, what: impl FnOnce(&mut Self) -> T) -> T {
         let outer = self.folder.replace(path.parent().unwrap_or(Path::new("")).to_owned());

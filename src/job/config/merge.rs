@@ -32,6 +32,8 @@ pub struct MergedDocument<T> {
     pub presets: Option<random::SensorPresets>,
     /// The same file with each further sensor of `[sensors]`.
     pub further_sensors: Vec<Self>,
+    /// The calibration presses of `[sensors]`, as a job with the same sensors.
+    pub calibration: Option<Box<Self>>,
 }
 
 /// Reads `text` as a `T`. The assignments `set` (flag and assignment each) are merged over it, and the sensor that it
@@ -54,6 +56,7 @@ pub fn read_merged<T: DeserializeOwned + Default>(
             right_finger: None,
             presets: None,
             further_sensors: Vec::new(),
+            calibration: None,
         };
     }
     merge_document(document, set, problems)
@@ -67,9 +70,14 @@ pub(super) fn merge_document<T: DeserializeOwned + Default>(
     for (flag, assignment) in set {
         apply_override(&mut document, flag, assignment, problems);
     }
+    let calibration = Sensors::take_calibration(&mut document, problems).map(|own| {
+        let merged = merge_document(own, &[], problems);
+        // Documents of one job know all texts read so far, since places refer to texts by their index.
+        document.sources.clone_from(&merged.document.sources);
+        Box::new(merged)
+    });
     let mut further = Vec::new();
     for mut own in Sensors::split_document(&mut document, problems) {
-        // Documents of one job know all texts read so far, since places refer to texts by their index.
         own.sources.clone_from(&document.sources);
         let (value, sensor_known) = read_with_sensor(&mut own, problems);
         document.sources.clone_from(&own.sources);
@@ -82,6 +90,7 @@ pub(super) fn merge_document<T: DeserializeOwned + Default>(
             right_finger: None,
             presets: None,
             further_sensors: Vec::new(),
+            calibration: None,
         });
     }
     let right = split_right_finger(&mut document);
@@ -117,6 +126,7 @@ pub(super) fn merge_document<T: DeserializeOwned + Default>(
         right_finger: right,
         presets,
         further_sensors: further,
+        calibration,
     }
 }
 

@@ -234,6 +234,8 @@ pub struct ParsedJob {
     pub right_finger: Option<(Job, Document)>,
     /// The job with each further sensor of `[sensors]`.
     pub further_sensors: Vec<Self>,
+    /// The calibration presses of `[sensors]`.
+    pub calibration: Option<Box<Self>>,
 }
 
 /// Reads the job file at `path` with `overrides` merged over it.
@@ -331,6 +333,7 @@ fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &
         right_finger: right,
         presets,
         further_sensors,
+        calibration,
     } = merged;
     if !broken {
         match overrides.fidelity {
@@ -355,6 +358,7 @@ fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &
         jobs.chain([&mut job]).for_each(fill_friction_from_sensor);
     }
     let further = further_sensors.into_iter().map(|further| to_parsed_job(further, overrides, problems)).collect();
+    let calibration = calibration.map(|presses| Box::new(to_parsed_job(*presses, overrides, problems)));
     ParsedJob {
         job,
         document,
@@ -363,5 +367,6 @@ fn to_parsed_job(merged: MergedDocument<Job>, overrides: &Overrides, problems: &
         other_presets: others,
         right_finger: right,
         further_sensors: further,
+        calibration,
     }
 }

@@ -166,7 +166,7 @@ fn compare_with_view(size: &MeshSize, pad: &SensorPad) -> Option<MeshFinding> {
     let largest_mm = size.largest_extent_mm();
     let [width, height] = pad.field_of_view_mm;
     let under = format!("under {}", Unit::format_as_written(size.mm_per_unit));
-    let by = size.known_from.unwrap_or(&under);
+    let by = size.known_from.map_or(&*under, |source| source.words());
     let measured = format!("{} mm long {by}", format_number(largest_mm));
     let detail = format!("{} mm", format_number(largest_mm));
     let view = format!("a view of {} x {} mm", format_number(width), format_number(height));

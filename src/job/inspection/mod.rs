@@ -1,7 +1,7 @@
 //! Inspects a mesh before it is pressed, compared with a sensor's pad. `gelsim inspect` prints the result, and every
 //! command that takes a job reports it for its meshes.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use gelsim_core::base::view::View;
 use gelsim_core::mesh::Mesh;
@@ -64,8 +64,28 @@ impl SensorPad {
     }
 }
 
+/// What states the size of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SizeSource {
+    /// Its file.
+    File,
+    /// The key `length_mm` of the job.
+    LengthMm,
+}
+
+impl SizeSource {
+    /// Returns the words that stand after the length.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::File => "as its file says",
+            Self::LengthMm => "as length_mm says",
+        }
+    }
+}
+
 /// The size and place of a mesh.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeshSize {
     /// Extents along x, y and z, mm.
     pub size_mm: [f64; 3],
@@ -75,14 +95,14 @@ pub struct MeshSize {
     pub radius_mm: f64,
     /// The millimetres of a coordinate of 1 with which it was read.
     pub mm_per_unit: f64,
-    /// What states the size, as words to stand after the length: the file, or a key of the job. `None` if nothing does.
-    pub known_from: Option<&'static str>,
+    /// What states the size; `None` if nothing does.
+    pub known_from: Option<SizeSource>,
 }
 
 impl MeshSize {
     /// Measures a mesh.
     pub fn new(mesh: &Mesh, mm_per_unit: f64, states_its_unit: bool) -> Self {
-        let known_from = states_its_unit.then_some("as its file says");
+        let known_from = states_its_unit.then_some(SizeSource::File);
         // A mesh is centred: its bounding box has its middle at zero.
         let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
         let square = |vertex: &[f32; 3]| vertex.iter().map(|at| f64::from(*at) * f64::from(*at)).sum::<f64>();

@@ -3,15 +3,28 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
-use super::object_notes::Facets;
+use super::faces;
+use super::geometry::{Geometry, MeshFile, MeshStore};
+use super::mesh_cache::{FileState, MeshCache};
+use super::object_notes::{Facets, find_level_side};
+use crate::config::Job;
 use crate::config::object::{Object, Parts};
+use crate::config::scene::Face;
 use crate::inspection::{MeshSize, SensorPad, sides};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::mesh::{CleanupReport, Mesh};
+use gelsim_core::pose::Side;
+use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::mesh::{self, LoadedMesh, MeshFileError, Remark};
+
+/// Most files of which all meshes are held in memory. Among few files, some may be so large that reading one of them
+/// again takes seconds.
+const FEW_FILES: usize = 256;
 
 /// A file that an `[[object]]` names.
 pub struct ObjectFile {
@@ -37,12 +50,11 @@ impl ObjectFile {
     }
 }
 
-/// A mesh of a file, ready to be pressed.
-pub struct MeshPart {
+/// What a job needs to know of a mesh besides its geometry.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct MeshFacts {
     /// Name of the part in the file; `None` if the mesh is the complete file.
     pub name: Option<String>,
-    /// Geometry of the mesh.
-    pub clusters: Arc<Clusters>,
     /// Facets of round surfaces.
     pub facets: Facets,
     /// What cleaning removed.
@@ -59,80 +71,206 @@ pub struct MeshPart {
     pub packages: Vec<String>,
     /// What a user should know of how the file was read.
     pub remarks: Vec<Remark>,
+    /// The side with the most relief, if the job presses that.
+    pub richest_side: Option<Side>,
+    /// The side with the most relief, if the job always presses another one level that is flat.
+    pub richer_side: Option<Side>,
 }
 
-impl MeshPart {
-    fn new(name: Option<String>, loaded: LoadedMesh, pad: &SensorPad) -> Self {
-        let LoadedMesh { mesh, cleaned, sha256, file_summary, mm_per_unit, states_its_unit, packages, remarks } =
-            loaded;
-        let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
-        let knows_its_unit = file_summary.format.has_known_unit();
-        Self { name, knows_its_unit, packages, remarks, ..Self::from_mesh(&mesh, cleaned, sha256, size, pad) }
-    }
-
-    /// Makes the part for a mesh in millimetres that is a complete file.
-    fn from_mesh(mesh: &Mesh, cleaned: CleanupReport, sha256: String, size: MeshSize, pad: &SensorPad) -> Self {
-        let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::from_mesh(mesh));
-        Self {
-            name: None,
-            clusters: Arc::new(clusters),
-            facets,
-            cleaned,
-            size,
-            rows_per_capture: sides::count_capture_rows(mesh, pad),
-            knows_its_unit: true,
-            sha256,
-            packages: Vec::new(),
-            remarks: Vec::new(),
-        }
-    }
+/// A mesh of a file, ready to be pressed.
+pub struct MeshPart {
+    /// What is known of it.
+    pub facts: MeshFacts,
+    /// Its geometry.
+    pub geometry: Geometry,
 }
 
 /// The meshes in a file, or why it cannot be used.
 pub type MeshFileResult = Arc<Result<Vec<MeshPart>, MeshFileError>>;
 
-/// Reads the files on all threads. Each file is read once, however many tables use a part of it.
-pub fn read_mesh_files(objects: &[Object], files: &[ObjectFile], pad: &SensorPad) -> Vec<MeshFileResult> {
-    // Tables that read the same file in the same way share the result.
-    let key = |file: &ObjectFile| {
-        let object = &objects[file.entry];
-        let apart = object.part.is_some() || object.parts == Parts::Separate;
-        let plate = object.plate_size().map(|size| [size.mm_per_px, size.height_mm].map(f64::to_bits));
-        (file.path.clone(), object.unit, object.urdf, &object.packages, apart, plate)
-    };
+/// How the meshes of an `[[object]]` are read and examined. Tables for which it is the same share what is read.
+#[derive(Serialize)]
+struct Reading<'a> {
+    object: Object,
+    pad: &'a SensorPad,
+    is_richest_pressed: bool,
+    level_side: Option<Side>,
+}
+
+impl<'a> Reading<'a> {
+    fn new(job: &Job, object: &Object, pad: &'a SensorPad) -> Self {
+        let of_file = Object {
+            unit: object.unit,
+            urdf: object.urdf,
+            packages: object.packages.clone(),
+            parts: if object.part.is_some() { Parts::Separate } else { object.parts },
+            mm_per_px: object.mm_per_px,
+            height_mm: object.height_mm,
+            length_mm: object.length_mm.clone(),
+            ..Object::default()
+        };
+        let is_richest_pressed = job.pose.face == Face::Auto;
+        Self { object: of_file, pad, is_richest_pressed, level_side: find_level_side(job) }
+    }
+
+    /// Describes it as a text that differs from that of any other one.
+    fn to_key(&self) -> String {
+        serde_json::to_string(self).unwrap_or_default()
+    }
+
+    /// Examines a mesh that was read. Also returns its geometry.
+    fn examine(&self, name: Option<String>, loaded: LoadedMesh) -> (MeshFacts, Clusters) {
+        let LoadedMesh { mesh, cleaned, sha256, file_summary, mm_per_unit, states_its_unit, packages, remarks, .. } =
+            loaded;
+        let size = MeshSize::new(&mesh, mm_per_unit, states_its_unit);
+        let (facts, clusters) = self.examine_mesh(&mesh, cleaned, sha256, size);
+        let knows_its_unit = file_summary.format.has_known_unit();
+        (MeshFacts { name, knows_its_unit, packages, remarks, ..facts }, clusters)
+    }
+
+    /// Examines a mesh in millimetres that is a complete file.
+    fn examine_mesh(
+        &self,
+        mesh: &Mesh,
+        cleaned: CleanupReport,
+        sha256: String,
+        size: MeshSize,
+    ) -> (MeshFacts, Clusters) {
+        let (clusters, facets) = rayon::join(|| Clusters::new(mesh), || Facets::from_mesh(mesh));
+        let reach_mm = self.pad.thickness_mm;
+        let find_richest = || match &self.object.length_mm {
+            // At the size at which it is usually pressed.
+            Some(length_mm) => {
+                let scale = length_mm.scaled_by(1.0 / size.largest_extent_mm()).typical_value();
+                faces::find_richest_side(&clusters.scaled(scale), reach_mm)
+            }
+            None => faces::find_richest_side(&clusters, reach_mm),
+        };
+        let facts = MeshFacts {
+            name: None,
+            facets,
+            cleaned,
+            size,
+            rows_per_capture: sides::count_capture_rows(mesh, self.pad),
+            knows_its_unit: true,
+            sha256,
+            packages: Vec::new(),
+            remarks: Vec::new(),
+            richest_side: self.is_richest_pressed.then(find_richest),
+            richer_side: self.level_side.and_then(|side| faces::find_richer_side(side, &clusters, reach_mm)),
+        };
+        (facts, clusters)
+    }
+}
+
+/// Reads the files on all threads, and notes if what they hold cannot be remembered. Each file is read once, however
+/// many tables use a part of it. Of many files only what is new is read, if the job was read before.
+pub fn read_mesh_files(job: &Job, files: &[ObjectFile], pad: &SensorPad) -> (Vec<MeshFileResult>, Option<Diagnostic>) {
+    let readings: Vec<Reading<'_>> = job.object.iter().map(|object| Reading::new(job, object, pad)).collect();
+    let keys: Vec<String> = readings.iter().map(Reading::to_key).collect();
     let mut numbers = HashMap::new();
     let mut different = Vec::new();
     let places: Vec<usize> = files
         .iter()
         .map(|file| {
-            *numbers.entry(key(file)).or_insert_with(|| {
+            *numbers.entry((&file.path, &keys[file.entry])).or_insert_with(|| {
                 different.push(file);
                 different.len() - 1
             })
         })
         .collect();
-    let read: Vec<MeshFileResult> = different
+    let are_few = different.len() <= FEW_FILES;
+    let tables: Vec<(&str, &str)> = job
+        .object
+        .iter()
+        .zip(&keys)
+        .map(|(object, key)| (object.path.as_deref().unwrap_or_default(), &**key))
+        .collect();
+    let cache = if are_few { None } else { MeshCache::open(&tables) };
+    let store = Arc::new(MeshStore::default());
+    let start = SystemTime::now();
+    let tables: Vec<Arc<Object>> = readings.iter().map(|reading| Arc::new(reading.object.clone())).collect();
+    let read: Vec<(MeshFileResult, Option<FileState>)> = different
         .par_iter()
         .map(|file| {
-            let (.., apart, _) = key(file);
-            let object = &objects[file.entry];
-            if let Some(size) = object.plate_size().filter(|_| mesh::is_height_map(&file.path)) {
-                let plate = mesh::load_plate(&file.path, size);
-                return Arc::new(plate.map(|(mesh, cleaned, sha256)| {
-                    let size = MeshSize::new(&mesh, 1.0, true);
-                    vec![MeshPart::from_mesh(&mesh, cleaned, sha256, size, pad)]
-                }));
+            let of_file = |sha256: &str| Arc::new(MeshFile::new(&file.path, &tables[file.entry], sha256, &store));
+            let now = cache.as_ref().and_then(|_| FileState::of(&file.path, start));
+            let known = cache.as_ref().zip(now).and_then(|(cache, now)| cache.find(file.entry, &file.path, now));
+            if let Some(known) = known.filter(|known| !known.is_empty()) {
+                let source = of_file(&known[0].sha256);
+                let part = |(part, facts)| MeshPart { facts, geometry: Geometry::in_file(&source, part) };
+                return (Arc::new(Ok(known.into_iter().enumerate().map(part).collect())), now);
             }
-            let reading = object.read_options();
-            let parts = match apart {
-                true => mesh::load_parts(&file.path, reading),
-                false => mesh::load(&file.path, reading).map(|loaded| vec![(String::new(), loaded)]),
-            };
-            let part = |(name, loaded): (String, LoadedMesh)| {
-                MeshPart::new(Some(name).filter(|name| !name.is_empty()), loaded, pad)
-            };
-            Arc::new(parts.map(|parts| parts.into_iter().map(part).collect()))
+            let reading = &readings[file.entry];
+            let examined = read_file(&file.path, &reading.object).map(|(parts, names_other_files)| {
+                let examined = match parts {
+                    FileContent::Plate { mesh, cleaned, sha256 } => {
+                        let size = MeshSize::new(&mesh, 1.0, true);
+                        vec![reading.examine_mesh(&mesh, cleaned, sha256, size)]
+                    }
+                    FileContent::Parts(parts) => {
+                        let part = |(name, loaded): (String, LoadedMesh)| {
+                            reading.examine(Some(name).filter(|name| !name.is_empty()), loaded)
+                        };
+                        parts.into_iter().map(part).collect()
+                    }
+                };
+                (examined, names_other_files)
+            });
+            // What depends on other files may change while this one stays.
+            let now = now.filter(|_| matches!(examined, Ok((_, false))));
+            let parts = examined.map(|(examined, _)| {
+                let sha256 = examined.first().map_or("", |(facts, _)| facts.sha256.as_str());
+                let source = of_file(sha256);
+                let (facts, clusters): (Vec<_>, Vec<_>) = examined.into_iter().unzip();
+                let clusters: Vec<Arc<Clusters>> = clusters.into_iter().map(Arc::new).collect();
+                let geometry: Vec<Geometry> = match are_few {
+                    true => clusters.into_iter().map(Geometry::Held).collect(),
+                    false => {
+                        let kept = store.keep(&source, clusters);
+                        (0..kept.len()).map(|part| Geometry::in_file(&source, part)).collect()
+                    }
+                };
+                facts.into_iter().zip(geometry).map(|(facts, geometry)| MeshPart { facts, geometry }).collect()
+            });
+            (Arc::new(parts), now)
         })
         .collect();
-    places.into_iter().map(|place| Arc::clone(&read[place])).collect()
+    let note = cache.and_then(|cache| {
+        let known = different.iter().zip(&read).filter_map(|(file, (parts, state))| {
+            let parts = Result::as_ref(parts).ok()?;
+            Some((file.entry, &*file.path, (*state)?, parts.iter().map(|part| &part.facts).collect()))
+        });
+        cache.save(known.collect())
+    });
+    (places.into_iter().map(|place| Arc::clone(&read[place].0)).collect(), note)
+}
+
+/// What a mesh file or height map holds.
+pub enum FileContent {
+    /// The closed plate that a height map becomes, mm.
+    Plate {
+        /// Geometry of the plate.
+        mesh: Mesh,
+        /// What cleaning removed.
+        cleaned: CleanupReport,
+        /// SHA-256 of the file, in lower-case hex.
+        sha256: String,
+    },
+    /// The meshes, each with the name of its part; the name of a complete file is empty.
+    Parts(Vec<(String, LoadedMesh)>),
+}
+
+/// Reads a file as `object` says. Also returns whether the content also depends on other files.
+pub fn read_file(path: &Path, object: &Object) -> Result<(FileContent, bool), MeshFileError> {
+    if let Some(size) = object.plate_size().filter(|_| mesh::is_height_map(path)) {
+        let (mesh, cleaned, sha256) = mesh::load_plate(path, size)?;
+        return Ok((FileContent::Plate { mesh, cleaned, sha256 }, false));
+    }
+    let parts = match object.parts {
+        Parts::Separate => mesh::load_parts(path, object.read_options())?,
+        Parts::Together => vec![(String::new(), mesh::load(path, object.read_options())?)],
+    };
+    let names_other_files = parts.iter().any(|(_, loaded)| loaded.names_other_files);
+    Ok((FileContent::Parts(parts), names_other_files))
 }

@@ -29,8 +29,10 @@ mod files;
 mod fingerprint;
 pub mod frames;
 mod gel;
+mod geometry;
 mod gripper;
 mod materials;
+mod mesh_cache;
 mod meshes;
 mod naming;
 mod notes;
@@ -58,7 +60,7 @@ use notes::SensorRole;
 use object_sampler::ObjectSampler;
 pub use objects::{PreparedObject, make_unique_ids};
 use presets::resolve_other_presets;
-pub use sensor_set::SetMember;
+pub use sensor_set::{CALIBRATION_FOLDER, SetMember};
 use sensors::SensorSampling;
 
 /// Everything on which a sample depends, resolved and checked. A clone shares all large data.
@@ -93,6 +95,8 @@ pub struct Plan {
     right_finger: Option<Box<Self>>,
     /// Plans with the further sensors of `[sensors]`.
     further_sensors: Vec<Self>,
+    /// Plan of the calibration presses of `[sensors]`.
+    pub calibration: Option<Box<Self>>,
 }
 
 /// What samples are drawn from: the contents of the files that a job names.
@@ -146,17 +150,26 @@ impl Plan {
         Self::resolve_in(Scope::Objects, written, problems)
     }
 
-    fn resolve_in(scope: Scope, mut written: ParsedJob, mut problems: Diagnostics) -> Result<Self, Report> {
+    fn resolve_in(scope: Scope, written: ParsedJob, mut problems: Diagnostics) -> Result<Self, Report> {
         // All documents of a job number their sources in the same way, and the first one has all.
         let sources = written.document.sources.clone();
+        Self::resolve_set(scope, written, &mut problems).ok_or_else(|| Report::new(&problems, &sources))
+    }
+
+    /// Resolves the job with all its sensors, and their calibration presses. Errors go to `problems`; after one, `None`
+    /// is returned.
+    fn resolve_set(scope: Scope, mut written: ParsedJob, problems: &mut Diagnostics) -> Option<Self> {
         let further = std::mem::take(&mut written.further_sensors);
-        let first = Self::resolve_one(scope, written, &mut problems);
-        let further = further.into_iter().map(|written| Self::resolve_one(scope, written, &mut problems));
+        let calibration = written.calibration.take();
+        let first = Self::resolve_one(scope, written, problems);
         // All are resolved, so that all mistakes are found.
-        let further: Vec<Option<Self>> = further.collect();
-        match (first, further.into_iter().collect::<Option<Vec<Self>>>()) {
-            (Some(first), Some(further)) => Ok(first.with_further_sensors(further)),
-            _ => Err(Report::new(&problems, &sources)),
+        let further: Vec<Option<Self>> =
+            further.into_iter().map(|written| Self::resolve_one(scope, written, problems)).collect();
+        let calibration = calibration.map(|presses| Self::resolve_set(scope, *presses, problems));
+        let plan = first?.with_further_sensors(further.into_iter().collect::<Option<_>>()?);
+        match calibration {
+            Some(presses) => Some(plan.with_calibration(presses?)),
+            None => Some(plan),
         }
     }
 
@@ -170,6 +183,7 @@ impl Plan {
             other_presets: others,
             right_finger: right,
             further_sensors: _,
+            calibration: _,
         } = written;
         if broken {
             return None;
@@ -274,6 +288,7 @@ impl Plan {
             other_sensors: Vec::new(),
             right_finger: None,
             further_sensors: Vec::new(),
+            calibration: None,
             job,
         };
         let right = right.map(|right| Box::new(right.into_plan(&plan)));
@@ -301,6 +316,14 @@ impl Plan {
     /// Returns the name of the dataset; empty if there is none.
     pub fn name(&self) -> &str {
         self.job.dataset.name.as_deref().unwrap_or("")
+    }
+
+    /// Returns a mesh file that could not be read again when a sample needed it, and why. The samples that were drawn
+    /// since then are not those of the job.
+    pub fn find_mesh_failure(&self) -> Option<(PathBuf, io::Error)> {
+        // All objects share what is known of failures.
+        let (path, reason) = self.sampling.objects.first()?.geometry.failure()?;
+        Some((path.clone(), io::Error::other(reason.clone())))
     }
 
     /// Describes which sides of the objects are pressed, or returns `None` if the job says it.

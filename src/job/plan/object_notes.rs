@@ -3,14 +3,15 @@
 use std::num::NonZeroU32;
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
-use super::faces;
+use super::meshes::MeshFacts;
 use crate::config::Job;
 use crate::config::scene::Face;
+use crate::inspection::MeshSize;
 use gelsim_core::base::angle::sin_cos_deg;
 use gelsim_core::mesh::Mesh;
-use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::Anchor;
+use gelsim_core::pose::{Anchor, Side};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::number_format::format_number;
 use gelsim_files::sensor::quantity::Quantity;
@@ -26,7 +27,7 @@ const MIN_FACET_SHARE: f64 = 0.5;
 const MIN_VISIBLE_WIDTH: f64 = 0.05;
 
 /// The facets of a mesh that approximate round surfaces.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Facets {
     /// Fraction of the mesh's area in such facets.
     pub share: f64,
@@ -133,20 +134,14 @@ impl MeshEdges {
 }
 
 /// Collects all notes on a mesh that messages call `shown`, as this job presses it.
-pub fn collect_object_notes(
-    shown: &str,
-    job: &Job,
-    scale: &Quantity,
-    object: &Clusters,
-    facets: &Facets,
-) -> Vec<Diagnostic> {
+pub fn collect_object_notes(shown: &str, job: &Job, scale: &Quantity, mesh: &MeshFacts) -> Vec<Diagnostic> {
     if job.sensor.resolution_px.contains(&0) {
         return Vec::new();
     }
     let found = [
-        note_visible_facets(shown, job, scale, facets),
-        note_flat_side(shown, job, object),
-        note_out_of_view(shown, job, scale, object),
+        note_visible_facets(shown, job, scale, &mesh.facets),
+        note_flat_side(shown, job, mesh),
+        note_out_of_view(shown, job, scale, &mesh.size),
     ];
     found.into_iter().flatten().collect()
 }
@@ -173,14 +168,17 @@ fn note_visible_facets(shown: &str, job: &Job, scale: &Quantity, facets: &Facets
     })
 }
 
-/// Notes a pressed side that is flat while another one is not. Only for a side that is always pressed level.
-fn note_flat_side(shown: &str, job: &Job, object: &Clusters) -> Option<Diagnostic> {
+/// Returns the side of all objects that a job always presses level, if it does so.
+pub fn find_level_side(job: &Job) -> Option<Side> {
     let pose = &job.pose;
     let level = pose.tilt_deg.support() == (0.0, 0.0) && pose.roll_deg.is_none() && pose.pitch_deg.is_none();
-    let side = pose.face.side().filter(|_| level && job.sequence.is_none() && job.sensor.shape.is_none())?;
-    let reach_mm = job.sensor.gelpad_thickness_mm;
-    let other = Face::from_side(faces::find_richer_side(side, object, reach_mm)?).name();
-    let side = Face::from_side(side).name();
+    pose.face.side().filter(|_| level && job.sequence.is_none() && job.sensor.shape.is_none())
+}
+
+/// Notes a side that is always pressed level and is flat, while another one is not.
+fn note_flat_side(shown: &str, job: &Job, mesh: &MeshFacts) -> Option<Diagnostic> {
+    let side = Face::from_side(find_level_side(job)?).name();
+    let other = Face::from_side(mesh.richer_side?).name();
     let message = format!("{shown}: its side {side}, which [pose] presses, is flat, and others are not");
     let help = format!(
         "write face = \"auto\" under [pose], which presses of each object the side with the most relief, or face = \"{other}\""
@@ -191,17 +189,15 @@ fn note_flat_side(shown: &str, job: &Job, object: &Clusters) -> Option<Diagnosti
 }
 
 /// Notes an object that no draw of the pose brings into view.
-fn note_out_of_view(shown: &str, job: &Job, scale: &Quantity, object: &Clusters) -> Option<Diagnostic> {
+fn note_out_of_view(shown: &str, job: &Job, scale: &Quantity, size: &MeshSize) -> Option<Diagnostic> {
     if job.sensor.shape.is_some() || job.sequence.is_some() {
         return None;
     }
-    let corner = [DVec3::X, DVec3::Y, DVec3::Z]
-        .map(|axis| object.extreme(axis.to_array()).max(object.extreme((-axis).to_array())));
     // The greatest distance from the point that is placed to any point of the object, for any rotation.
-    let across = DVec3::from_array(corner).length();
+    let across = 0.5 * DVec3::from_array(size.size_mm).length();
     let reach_mm = scale.support().1
         * match job.pose.anchor {
-            Anchor::Origin => across + DVec3::from_array(object.centre_mm()).length(),
+            Anchor::Origin => across + DVec3::from_array(size.centre_mm).length(),
             Anchor::Bounds | Anchor::Contact => 2.0 * across,
         };
     let places = [&job.pose.x_mm, &job.pose.y_mm].map(|quantity| quantity.support());

@@ -125,7 +125,7 @@ impl WeightedSampler {
         let offset = (steps as f64 + 0.5) / (1_u64 << 20) as f64;
         let order: Vec<u64> = (0..slots).collect();
         let mut random = rng::random_stream(at.seed, "object order", block * 3 + self.split);
-        let slot = random.sample_without_replacement(order, slots as usize)[within as usize];
+        let slot = random.sample_without_replacement(order, within as usize + 1)[within as usize];
         (slot as f64 + offset) / slots as f64
     }
 }

@@ -5,23 +5,23 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::check::JobChecker;
+use super::geometry::Geometry;
 use super::meshes::{MeshPart, ObjectFile, read_mesh_files};
 use super::naming;
 use super::object_sampler::{ObjectSampler, WeightedSampler};
 use super::paths::{OBJECTS, find_files, resolve_folders};
-use super::{faces, files, object_notes};
+use super::{files, object_notes};
 use crate::config::Job;
 use crate::config::dataset::{ObjectOrder, SplitBy};
 use crate::config::object::{Object as Entry, OnBad, Parts, Unit};
 use crate::config::scene::Face;
-use crate::inspection::SensorPad;
 use crate::inspection::findings::{self, MeshFinding};
+use crate::inspection::{SensorPad, SizeSource};
 use crate::layout::Split;
 use gelsim_core::base::rng::random_stream;
 use gelsim_core::depth::relief::Relief;
 use gelsim_core::mesh::CleanupReport;
 use gelsim_core::mesh::cleaning::LARGEST_MM;
-use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Side;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Severity};
 use gelsim_files::mesh;
@@ -52,7 +52,7 @@ pub struct PreparedObject {
     /// The split that it must be in, if the job says so.
     pub split: Option<Split>,
     /// Geometry of the object.
-    pub clusters: Arc<Clusters>,
+    pub geometry: Geometry,
     /// The side with the most relief, if the job presses that.
     pub richest_side: Option<Side>,
     /// Patterns of its own texture; `None` if it has the job's.
@@ -146,7 +146,8 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
     // The places of the keys that name the objects.
     let places: Vec<_> = (0..job.object.len()).map(|i| check.document.place_of(&format!("object.{i}.path"))).collect();
     let place = |i: usize| places[i];
-    let found = read_mesh_files(&job.object, &meshes, &pad);
+    let (found, not_remembered) = read_mesh_files(job, &meshes, &pad);
+    notes.extend(not_remembered);
     let mut entries: Vec<Entry> = Vec::new();
     let mut objects: Vec<PreparedObject> = Vec::new();
     let mut left_out = None;
@@ -172,9 +173,9 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
                 continue;
             }
         };
-        let meant = |part: &&MeshPart| entry.part.is_none() || part.name == entry.part;
+        let meant = |part: &&MeshPart| entry.part.is_none() || part.facts.name == entry.part;
         if let Some(wanted) = entry.part.as_ref().filter(|_| !parts.iter().any(|part| meant(&part))) {
-            let names: Vec<&str> = parts.iter().filter_map(|part| part.name.as_deref()).take(20).collect();
+            let names: Vec<&str> = parts.iter().filter_map(|part| part.facts.name.as_deref()).take(20).collect();
             let message = format!("{} has no part `{}`", path.display(), wanted.escape_debug());
             let help = match (names.is_empty(), find_nearest_name(wanted, names.iter().copied())) {
                 (true, _) => String::from("it has no parts: leave `part` out"),
@@ -184,8 +185,8 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
             check.report_error(&format!("object.{i}.part"), message, help);
             unread += 1;
         }
-        for part in parts.iter().filter(meant) {
-            let MeshPart { name, clusters, .. } = part;
+        for MeshPart { facts: part, geometry } in parts.iter().filter(meant) {
+            let name = &part.name;
             let of_part = |text: &str| name.as_ref().map_or(text.to_owned(), |name| format!("{text}/{name}"));
             let shown = of_part(&path.to_string_lossy());
             if let Some(left_out) = (CleanupReport { non_finite_vertices: 0, ..part.cleaned }).warning() {
@@ -197,7 +198,7 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
             let scale = entry.size_factor(part.size.largest_extent_mm());
             let mut size = part.size.scaled(&scale, &pad);
             if entry.length_mm.is_some() {
-                size.known_from = Some("as length_mm says");
+                size.known_from = Some(SizeSource::LengthMm);
             }
             said.extend(findings::inspect_mesh(&size, &part.cleaned, &pad));
             let is_doubted = said.iter().any(MeshFinding::doubts_the_size);
@@ -210,7 +211,7 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
             }
             // If the size is doubted, other notes would be wrong.
             if !is_doubted {
-                let of_job = object_notes::collect_object_notes(&shown, job, &scale, clusters, &part.facets);
+                let of_job = object_notes::collect_object_notes(&shown, job, &scale, part);
                 notes.extend(of_job.into_iter().map(|note| note.at(place(*i))));
             }
             if let Some(expected) = &entry.sha256
@@ -257,17 +258,11 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
                 part: name.clone(),
                 sha256: part.sha256.clone(),
                 weight,
-                richest_side: (job.pose.face == Face::Auto).then(|| match (&entry.length_mm, scale.typical_value()) {
-                    // At the size at which it is usually pressed.
-                    (Some(_), typical) => {
-                        faces::find_richest_side(&clusters.scaled(typical), job.sensor.gelpad_thickness_mm)
-                    }
-                    (None, _) => faces::find_richest_side(clusters, job.sensor.gelpad_thickness_mm),
-                }),
+                richest_side: part.richest_side,
                 scale,
                 table_index: *i,
                 split: entry.split,
-                clusters: Arc::clone(clusters),
+                geometry: geometry.clone(),
                 textures: textures[*i].clone(),
             });
         }

@@ -22,6 +22,9 @@ const MAX_UNITS: u32 = 1000;
 /// Largest seed: readers of JSON may take it for a float.
 const MAX_SEED: u64 = (1 << 53) - 1;
 
+/// Folder of the calibration presses in that of the set.
+pub const CALIBRATION_FOLDER: &str = "calibration";
+
 /// One sensor of a set, with the plan of its dataset.
 #[derive(Clone)]
 pub struct SetMember {
@@ -78,6 +81,13 @@ impl Plan {
         self
     }
 
+    /// Returns the plan with the calibration presses of its sensors.
+    pub(super) fn with_calibration(mut self, presses: Self) -> Self {
+        self.notes = self.notes.merged_with_new(&presses.notes);
+        self.calibration = Some(Box::new(presses));
+        self
+    }
+
     /// Returns the sensors of a job with `[sensors]`, in order; `None` for a job of one sensor. Each is prepared, which
     /// takes some milliseconds.
     pub fn sensor_set(&self) -> Option<Vec<SetMember>> {
@@ -88,7 +98,7 @@ impl Plan {
     /// Names the folder of each sensor of a job with `[sensors]`, with the number of its unit and the plan it comes from.
     fn name_sensors(&self) -> Option<Vec<(String, Option<u32>, &Self)>> {
         let sensors = self.job.sensors.as_ref()?;
-        let mut known = HashSet::new();
+        let mut known = HashSet::from([CALIBRATION_FOLDER.to_owned()]);
         let mut named = Vec::new();
         for of_sensor in std::iter::once(self).chain(&self.further_sensors) {
             let name = unique_name(&of_sensor.job.sensor.name, &mut known);
@@ -132,7 +142,7 @@ impl Plan {
         }
         job.dataset.name = Some(format!("{}-{folder}", self.name()));
         let drawn = unit.and_then(|_| self.sensors.sample(&self.job, |name| random_stream(seed, name, 0)));
-        let plan = Self { further_sensors: Vec::new(), ..self.clone() };
+        let plan = Self { further_sensors: Vec::new(), calibration: None, ..self.clone() };
         let plan = match drawn {
             None => Self { fingerprint: compute_fingerprint(&job), job, ..plan },
             Some(drawn) => {

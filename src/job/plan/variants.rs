@@ -79,6 +79,7 @@ impl Plan {
         let others = self.other_sensors.iter().map(|other| other.map_sensors(change)).collect();
         let right = self.right_finger.as_ref().map(|right| Box::new(right.map_sensors(change)));
         let further = self.further_sensors.iter().map(|further| further.map_sensors(change)).collect();
-        Self { other_sensors: others, right_finger: right, further_sensors: further, ..change(self) }
+        let calibration = self.calibration.as_ref().map(|presses| Box::new(presses.map_sensors(change)));
+        Self { other_sensors: others, right_finger: right, further_sensors: further, calibration, ..change(self) }
     }
 }

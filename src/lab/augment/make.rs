@@ -150,7 +150,12 @@ impl<'a> SampleMaker<'a> {
         let made = tasks.par_iter().map(|(k, task)| {
             if tick() { Err(AugmentError::Interrupted) } else { self.make_sample(&raws[*k], &images[*k], task) }
         });
-        made.collect()
+        let made = made.collect();
+        let plans = self.recipe.mix.iter().map(|mix| &mix.plan).chain(self.recipe.renderer.iter().map(|of| &of.plan));
+        match plans.filter_map(|plan| plan.find_mesh_failure()).next() {
+            Some((path, error)) => Err(AugmentError::Io(path, error)),
+            None => made,
+        }
     }
 
     /// Lists the samples that derive from a real one, in order.

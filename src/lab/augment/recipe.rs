@@ -188,6 +188,7 @@ fn resolve_recipe(
             other_presets: Vec::new(),
             right_finger: None,
             further_sensors: Vec::new(),
+            calibration: None,
         };
         let plan = match Plan::resolve_objects(counterparts, before) {
             Ok(plan) => plan,

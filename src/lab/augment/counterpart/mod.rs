@@ -193,7 +193,7 @@ impl CounterpartRenderer {
         let plan = &self.plan;
         let indentation_depth_mm = metadata.depth_mm.max(0.0);
         let lowest_mm = if indentation_depth_mm > 0.0 { -indentation_depth_mm } else { NO_CONTACT_GAP_MM };
-        let object = &plan.sampling.objects[metadata.object].clusters;
+        let object = &plan.sampling.objects[metadata.object].geometry.clusters();
         let pose_config = &plan.job().pose;
         let side = pose_config.face.side().expect("a file whose face is no side is refused");
         let pose = match metadata.orientation {
