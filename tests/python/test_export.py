@@ -28,6 +28,7 @@ import numpy as np
 import pyarrow.parquet as parquet
 import zarr
 from gelsim.export import command
+from gelsim.export import lerobot as lerobot_format
 from PIL import Image
 from processes import run
 
@@ -207,6 +208,36 @@ def test_lerobots_episodes_hold_statistics_of_their_images(lerobot):
 
 
 IMAGES = {"tactile", "contact", "instance", "reference", "untouched", "slip"}
+LENGTHS = {"depth", "surface", "gap"}
+
+
+def floats(finger, frame):
+    """LeRobot's features that are no 8-bit images, of a sensor in a frame: each as it comes, and as the layer has it."""
+    found = {}
+    for name, value in frame.items():
+        if name in LENGTHS:
+            found[f"{dotted('images', finger)}.{name}"] = value
+        elif name in ("markers", "pins"):
+            found |= {f"{dotted(name, finger)}.{key}": np.float32(points) for key, points in value.items()}
+        elif getattr(value, "dtype", None) == np.float32:
+            found[f"{dotted('layers', finger)}.{name}"] = value if value.ndim == 3 else value[..., None]
+    return found
+
+
+def expected_array(feature, value):
+    """What a feature of this shape holds: positions with NaN in rows that the frame does not have."""
+    if value.shape[1:] != tuple(feature["shape"][1:]) or len(value) == feature["shape"][0]:
+        return value
+    return np.concatenate([value, np.full((feature["shape"][0] - len(value), value.shape[1]), np.nan, "float32")])
+
+
+def stored_array(feature, value):
+    """A feature of a row, as its shape says."""
+    if feature["dtype"] == "image":
+        image = Image.open(io.BytesIO(value["bytes"]), formats=["TIFF"])
+        assert image.mode == "F" and image.info["compression"] == "raw" and value["path"].endswith(".tiff")
+        return np.asarray(image)
+    return np.array(value, "float32")
 
 
 def test_lerobots_features_are_the_columns(lerobot):
@@ -218,7 +249,45 @@ def test_lerobots_features_are_the_columns(lerobot):
         for finger, frame, _ in pads:
             known |= {dotted("state", finger), dotted("wrench", finger)}
             known |= {f"{dotted('images', finger)}.{name}" for name in IMAGES.intersection(frame)}
+            known |= floats(finger, frame).keys()
         assert features == known
+
+
+def test_lerobots_rows_hold_float_layers_and_positions_bit_by_bit(lerobot):
+    for row, (_, _, pads) in lerobot.rows():
+        for finger, frame, _ in pads:
+            for name, value in floats(finger, frame).items():
+                feature = lerobot.info["features"][name]
+                stored, ours = stored_array(feature, row[name]), expected_array(feature, value)
+                assert stored.shape == ours.shape and stored.tobytes() == ours.tobytes(), name
+                assert list(stored.shape) == feature["shape"][: stored.ndim] and lerobot.info["gelsim"]["units"][name]
+
+
+def test_lerobots_depth_maps_are_marked_as_it_marks_them(lerobot):
+    for name, feature in lerobot.info["features"].items():
+        depth = name.startswith("observation.images.") and name.rsplit(".", 1)[1] in LENGTHS
+        assert feature.get("info") == ({"is_depth_map": True, "depth_unit": "mm"} if depth else None), name
+        if depth:
+            assert feature["dtype"] == "image" and feature["shape"][2] == 1, name
+            assert feature["names"] == ["height", "width", "channels"], name
+
+
+def test_lerobots_markers_have_as_many_rows_as_any_frame(lerobot):
+    """Where not all frames have as many, the file says what the others hold."""
+    counts = {}
+    for _, _, pads in lerobot.frames:
+        for finger, frame, _ in pads:
+            for layer in {"markers", "pins"}.intersection(frame):
+                for key, points in frame[layer].items():
+                    counts.setdefault(f"{dotted(layer, finger)}.{key}", set()).add(len(points))
+    for name, numbers in counts.items():
+        assert lerobot.info["features"][name]["shape"][0] == max(numbers)
+        assert ("NaN in rows" in lerobot.info["gelsim"]["units"][name]) == (len(numbers) > 1)
+
+
+def test_a_kind_has_markers_that_are_not_as_many_in_all_frames(every_kind):
+    """Otherwise no test would see rows of NaN."""
+    assert len({len(sample["markers"]["rest_px"]) for sample in every_kind.samples("halves")}) > 1
 
 
 def test_lerobots_rows_are_numbered(lerobot):
@@ -263,6 +332,38 @@ def test_lerobots_statistics_are_those_of_all_rows(lerobot):
         assert stats[state]["count"] == [len(rows)]
 
 
+def test_lerobots_statistics_of_float_layers_are_those_of_all_pixels(lerobot):
+    """Of each component in its unit, (1, 1, 1) of depth maps; quantiles of each episode to 1/128."""
+    stats = json.loads((lerobot.out / "meta/stats.json").read_text())
+    features, values = lerobot.info["features"], {}
+    for row, (_, _, pads) in lerobot.rows():
+        for name in {name for finger, frame, _ in pads for name in floats(finger, frame)}:
+            array = stored_array(features[name], row[name])
+            array = array[..., None] if features[name]["dtype"] == "image" else array
+            values.setdefault(name, []).append((row["episode_index"], array.reshape(-1, array.shape[-1]).astype("float64")))
+    episodes = {row["episode_index"]: row for _, row, _ in lerobot.episodes()}
+    for name, frames in values.items():
+        shape = (1, 1, 1) if features[name]["dtype"] == "image" else frames[0][1].shape[-1:]
+        whole = np.concatenate([each for _, each in frames])
+        assert stats[name]["count"] == [len(frames)]
+        assert np.shape(stats[name]["q50"]) == shape
+        for figure, of in {"min": np.nanmin, "max": np.nanmax}.items():
+            assert np.array_equal(np.reshape(stats[name][figure], -1), of(whole, axis=0)), (name, figure)
+        if not np.isnan(whole).any():  # Frames with fewer markers weigh as much as others.
+            for figure, of in {"mean": np.mean, "std": np.std}.items():
+                assert np.allclose(np.reshape(stats[name][figure], -1), of(whole, axis=0), rtol=1e-6, atol=1e-9), (name, figure)
+        for episode, row in episodes.items():
+            its = np.concatenate([each for at, each in frames if at == episode])
+            for figure, of in {"min": np.nanmin, "mean": np.nanmean, "std": np.nanstd}.items():
+                found = row[f"stats/{name}/{figure}"]
+                assert np.shape(found) == shape
+                assert np.allclose(np.reshape(found, -1), of(its, axis=0), rtol=1e-6, atol=1e-9), (name, figure)
+            for figure, share in {"q01": 0.01, "q50": 0.5, "q99": 0.99}.items():
+                found = np.reshape(row[f"stats/{name}/{figure}"], -1)
+                exact = np.nanquantile(its, share, axis=0, method="inverted_cdf")
+                assert np.all(np.abs(found - exact) <= np.abs(exact) / 128), (name, figure)
+
+
 def test_a_lerobot_copy_is_read_by_datasets(lerobot, tmp_path):
     """By what its card says of it: images come as images; each split by itself, too."""
     from datasets import load_dataset
@@ -278,6 +379,82 @@ def test_a_lerobot_copy_is_read_by_datasets(lerobot, tmp_path):
         ours.setdefault(sample["label"]["split"], []).append(index)
     parts = load_dataset(str(lerobot.out), "splits", cache_dir=str(tmp_path))
     assert {split: part["index"][:] for split, part in parts.items()} == ours
+
+
+def features_for_datasets(features):
+    """What LeRobot makes of its features before it reads the files of frames, after its documentation."""
+    from datasets import Array2D, Array3D, Features, Image, Sequence, Value
+
+    made = {}
+    for name, its in features.items():
+        shape = tuple(its["shape"])
+        if its["dtype"] == "image":
+            made[name] = Image()
+        elif shape == (1,):
+            made[name] = Value(its["dtype"])
+        elif len(shape) == 1:
+            made[name] = Sequence(Value(its["dtype"]), length=shape[0])
+        else:
+            made[name] = {2: Array2D, 3: Array3D}[len(shape)](shape, its["dtype"])
+    return Features(made)
+
+
+def test_lerobots_features_read_its_files(lerobot, tmp_path):
+    """Depth comes as an image of floats, as its reader takes it, and arrays in their shapes."""
+    from datasets import Dataset
+
+    files = sorted(map(str, lerobot.out.glob("data/*/*.parquet")))
+    features = lerobot.info["features"]
+    read = Dataset.from_parquet(files, features=features_for_datasets(features), cache_dir=str(tmp_path))
+    for row, (_, _, pads) in zip(read, lerobot.frames, strict=True):
+        for finger, frame, _ in pads:
+            for name, value in floats(finger, frame).items():
+                stored = np.asarray(row[name], "float32")
+                assert features[name]["dtype"] != "image" or row[name].mode == "F"
+                assert stored.tobytes() == expected_array(features[name], value).tobytes(), name
+
+
+def in_this_process(source, out, *more):
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        status = command.main([str(source), "--to", "lerobot", "--out", str(out), *more])
+    return status, said.getvalue()
+
+
+def test_lerobots_files_of_frames_end_between_episodes_once_they_are_large(copies, every_kind, tmp_path, monkeypatch):
+    """At 0 MB each episode has a file of its own; one that was stopped goes on to the same bytes."""
+    from datasets import load_dataset
+
+    monkeypatch.setattr(lerobot_format, "FILE_MB", 0)
+    dataset = every_kind.load("forceless")
+    whole, stopped = tmp_path / "whole.lerobot", tmp_path / "stopped.lerobot"
+    assert in_this_process(dataset.path, whole)[0] == 0
+    status, said = in_this_process(dataset.path, whole, "--check")
+    assert status == 0 and "bit for bit" in said
+    files = sorted(whole.glob("data/*/*.parquet"))
+    assert [set(parquet.read_table(path)["episode_index"].to_pylist()) for path in files] == [{at} for at in range(len(dataset))]
+    rows = [row for path in sorted(whole.glob("meta/episodes/*/*.parquet")) for row in parquet.read_table(path).to_pylist()]
+    assert [row["data/file_index"] for row in rows] == [row["episode_index"] for row in rows] == list(range(len(dataset)))
+    splits = load_dataset(str(whole), "splits", cache_dir=str(tmp_path / "cache"))
+    assert {split: len(part) for split, part in splits.items()} == dataset.splits
+    assert len(files) > len(dataset.shards) > 1
+
+    source = shutil.copytree(dataset.path, tmp_path / "source")
+    shard = source / dataset.shards[-1].path.relative_to(dataset.path)
+    aside = shard.rename(tmp_path / "aside")
+    assert in_this_process(source, stopped)[0] == 1
+    aside.rename(shard)
+    assert in_this_process(source, stopped)[0] == 0
+    assert content(stopped) == content(whole)
+
+
+def test_lerobots_groups_of_rows_are_small(every_kind, tmp_path, monkeypatch):
+    """Readers have whole groups in memory."""
+    monkeypatch.setattr(lerobot_format, "BYTES_IN_GROUP", 1)
+    path, out = every_kind.path("halves"), tmp_path / "copy"
+    assert in_this_process(path, out)[0] == 0 and in_this_process(path, out, "--check")[0] == 0
+    for file in out.glob("data/*/*.parquet"):
+        about = parquet.ParquetFile(file).metadata
+        assert [about.row_group(group).num_rows for group in range(about.num_row_groups)] == [1] * about.num_rows
 
 
 # Ends with 3 where there is no LeRobot.
@@ -297,7 +474,17 @@ for index in range(frames):
     states = [name for name in dataset.features if name.startswith("observation.state")]
     assert len(images) == len(states) > 0
     assert all(item[name].shape[0] == 3 for name in images) and all(item[name].shape == (7,) for name in states)
+    for name, its in dataset.features.items():
+        height, width, *channels = its["shape"] if len(its["shape"]) == 3 else (0, 0)
+        if channels == [1] and its["dtype"] == "image":
+            assert item[name].shape == (1, height, width) and str(item[name].dtype) == "torch.float32", name
+            assert float(dataset.meta.stats[name]["min"].min()) <= float(item[name].min()), name
+        elif len(its["shape"]) > 1 and its["dtype"] == "float32":
+            assert item[name].shape == tuple(its["shape"]) and str(item[name].dtype) == "torch.float32", name
     assert item["index"] == index and item["task"] in dataset.meta.tasks.index
+depth = [name for name, its in dataset.features.items() if (its.get("info") or {}).get("is_depth_map")]
+if hasattr(dataset.meta, "depth_keys"):  # since 0.6
+    assert dataset.meta.depth_keys == depth
 part = LeRobotDataset("local/copy", root=root, episodes=[1])
 assert len(part) == dataset.meta.episodes[1]["length"] and part[0]["episode_index"] == 1
 """
@@ -577,6 +764,51 @@ def test_a_changed_pixel_or_missing_file_of_lerobot_is_found(copies, every_kind,
     export(source, "lerobot", out, "--check", status=1)
 
 
+def changed_depth(stored):
+    values = np.array(Image.open(io.BytesIO(stored["bytes"])))
+    values[2, 3] = np.nextafter(values[2, 3], np.float32(9))
+    file = io.BytesIO()
+    Image.fromarray(values).save(file, "TIFF")
+    return {**stored, "bytes": file.getvalue()}
+
+
+def changed_array(stored):
+    values = np.array(stored, "float32")
+    values.flat[5] = np.nextafter(values.flat[5], np.float32(9))
+    return values.tolist()
+
+
+CHANGES = {"images": changed_depth, "layers": changed_array, "markers": changed_array}
+
+
+@pytest.mark.parametrize(
+    "kind, feature",
+    [
+        ("halves", "observation.images.depth"),
+        ("halves", "observation.layers.traction"),
+        ("halves", "observation.layers.pressure"),
+        ("halves", "observation.markers.moved_px"),
+        ("grips", "observation.images.right.depth"),
+        ("grips", "observation.markers.right.rest_px"),
+    ],
+)
+def test_a_changed_float_of_lerobot_is_found(copies, every_kind, second_key, kind, feature, tmp_path):
+    out = duplicate(copies, kind, "lerobot", tmp_path)
+    path = out / "data/chunk-000/file-000.parquet"
+    table = parquet.read_table(path)
+    rows = table.to_pylist()
+    rows[1][feature] = CHANGES[feature.split(".")[1]](rows[1][feature])
+    parquet.write_table(table.from_pylist(rows, table.schema), path)
+    assert f"sample {second_key}: {feature} differs" in export(every_kind.path(kind), "lerobot", out, "--check", status=1)
+
+
+def test_a_copy_of_lerobot_without_float_layers_is_of_an_older_export(copies, every_kind, tmp_path):
+    out = duplicate(copies, "halves", "lerobot", tmp_path)
+    about = out / "meta/gelsim.json"
+    about.write_text(json.dumps({**json.loads(about.read_text()), "exporter": 1}))
+    assert "name another --out" in export(every_kind.path("halves"), "lerobot", out, status=2)
+
+
 def test_a_folder_of_the_users_is_left_alone(every_kind, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert "name another --out" in export(every_kind.path("halves"), "zarr", tmp_path, status=2)
@@ -619,7 +851,7 @@ sys.exit(main())
 """
 
 
-LIBRARIES = [("h5py", "hdf5"), ("pyarrow", "zarr"), ("pyarrow PIL", "lerobot"), ("OpenEXR", "zarr")]
+LIBRARIES = [("h5py", "hdf5"), ("pyarrow", "zarr"), ("pyarrow PIL", "lerobot"), ("OpenEXR", "zarr"), ("OpenEXR", "lerobot")]
 
 
 @pytest.mark.parametrize("names, to", LIBRARIES)

@@ -54,7 +54,8 @@ def identity(dataset: Dataset[Sample], to: str) -> dict[str, Any]:
     of_each = dataset.sensors.values() if isinstance(dataset, SensorSet) else [dataset]
     manifest = b"".join((each.path / "dataset.json").read_bytes() for each in of_each)
     return {
-        "exporter": 1,
+        # LeRobot's has float layers, markers and pins since 2.
+        "exporter": 2 if to == "lerobot" else 1,
         "to": to,
         "name": dataset.name,
         "fingerprint": dataset.fingerprint,

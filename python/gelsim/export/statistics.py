@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from gelsim.needed import need
@@ -14,31 +15,87 @@ LEVELS = 256
 
 
 class Tally:
-    """Of an episode's frames: images as histograms, numbers as they are."""
+    """Of an episode's frames: images as histograms, maps of floats as `Column`s, numbers as they are."""
 
     def __init__(self) -> None:
         self.images: dict[str, Any] = {}
+        self.maps: dict[str, tuple[tuple[int, ...], list[Column]]] = {}
+        """Of each map the shape of its figures, and its components."""
         self.frames = 0
         self.numbers: dict[str, list[Any]] = {}
 
     def add(self, frame: dict[str, Any]) -> None:
-        """Adds a frame; images are pairs of bytes and pixels (H, W, 3)."""
+        """Adds a frame; images are pairs of bytes and pixels (H, W, 3), or lengths (H, W)."""
         numpy = need("numpy")
         self.frames += 1
         for name, value in frame.items():
-            if isinstance(value, tuple):
+            if isinstance(value, tuple) and value[1].ndim == 2:
+                self.add_map(name, value[1][..., None], (1, 1, 1))
+            elif not isinstance(value, tuple) and value.ndim > 1:
+                self.add_map(name, value, value.shape[-1:])
+            elif isinstance(value, tuple):
                 planes = value[1].reshape(-1, 3).T
                 counted = numpy.stack([numpy.bincount(plane, minlength=LEVELS) for plane in planes])
                 self.images[name] = self.images.get(name, 0) + counted
             else:
                 self.numbers.setdefault(name, []).append(numpy.atleast_1d(value).astype("float64"))
 
+    def add_map(self, name: str, values: Any, shape: tuple[int, ...]) -> None:
+        """Adds a map: float32 with the components as its last axis."""
+        _, columns = self.maps.setdefault(name, (shape, [Column() for _ in range(values.shape[-1])]))
+        for number, column in enumerate(columns):
+            column.add(values[..., number])
+
     def figures(self) -> Figures:
-        """Of images in 0 to 1, shaped (3, 1, 1)."""
+        """Of images in 0 to 1, shaped (3, 1, 1), of lengths (1, 1, 1), of other maps one of each component."""
         numpy = need("numpy")
         found = {name: of_histograms(counted, self.frames) for name, counted in self.images.items()}
+        for name, (shape, columns) in self.maps.items():
+            each = [column.figures() for column in columns]
+            shaped = {figure: numpy.reshape([its[figure] for its in each], shape).tolist() for figure in each[0]}
+            found[name] = {**shaped, "count": [self.frames]}
         found |= {name: of_numbers(numpy.stack(rows)) for name, rows in self.numbers.items()}
         return found
+
+
+class Column:
+    """One component of a map in all frames, without what is not finite. Quantiles have the first 16 of 32 bits: they are up to
+    1/128 nearer to 0."""
+
+    def __init__(self) -> None:
+        self.number, self.mean, self.squares = 0, 0.0, 0.0
+        """`squares` is the sum of the squared distances from the mean."""
+        self.least, self.most = math.inf, -math.inf
+        self.levels = need("numpy").zeros(1 << 16, "int64")
+
+    def add(self, values: Any) -> None:
+        """Adds float32 numbers."""
+        numpy = need("numpy")
+        values = numpy.ascontiguousarray(values[numpy.isfinite(values)])
+        if len(values) == 0:
+            return
+        exact = values.astype("float64")
+        middle, total = float(exact.mean()), self.number + len(values)
+        self.squares += float(((exact - middle) ** 2).sum()) + (middle - self.mean) ** 2 * self.number * len(values) / total
+        self.mean += (middle - self.mean) * len(values) / total
+        self.number = total
+        self.least, self.most = min(self.least, float(values.min())), max(self.most, float(values.max()))
+        bits = values.view("uint32")
+        # In the order of the numbers: negative ones have the larger bits the smaller they are.
+        ordered = numpy.where(bits >> 31, ~bits, bits | 1 << 31)
+        self.levels += numpy.bincount(ordered >> 16, minlength=1 << 16)
+
+    def figures(self) -> dict[str, float]:
+        """All but the count; NaN where no number is known."""
+        numpy = need("numpy")
+        if self.number == 0:
+            return dict.fromkeys(["min", "max", "mean", "std", *QUANTILES], math.nan)
+        below = numpy.cumsum(self.levels) / self.number
+        found = numpy.array([(below < share).sum() for share in QUANTILES.values()], "uint32")
+        bits = numpy.where(found >> 15, found ^ 1 << 15, found ^ 0xFFFF) << 16
+        quantiles = numpy.clip(bits.astype("uint32").view("float32").astype("float64"), self.least, self.most) + 0.0
+        known = {"min": self.least, "max": self.most, "mean": self.mean, "std": math.sqrt(self.squares / self.number)}
+        return {**known, **dict(zip(QUANTILES, map(float, quantiles)))}
 
 
 def of_histograms(counted: Any, frames: int) -> dict[str, Any]:
