@@ -44,12 +44,15 @@ use gelsim_lab::calibrate::run::{
 use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
 use gelsim_lab::compare::score::{Score, Scores};
+use gelsim_lab::presses::folder::GivenFacts;
+use gelsim_lab::presses::{self, PressTable};
 
 /// Fit light or gelpad of a real sensor to presses, or simulate presses with a sensor that was fitted.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   gelsim calibrate presses.csv --background untouched.png --out mine.toml
+  gelsim calibrate gs_sdk/calib_data --mm-per-px 0.0634 --out mine.toml
   gelsim calibrate --leds three.csv --background untouched.png --out mine.toml
   gelsim calibrate --evaluate others.csv --sensor mine.toml --out simulated
   gelsim calibrate --taxim taxim/calib/gelsight --out mine.toml
@@ -57,17 +60,18 @@ Example:
   gelsim calibrate --force forces.csv --sensor mine.toml --out mine.toml
 
 PRESSES.csv has a row for each picture of a ball in the pad: file, centre_x_px, centre_y_px, radius_px of the visible \
-disc, ball_radius_mm, mm_per_px; paths are relative to it. Beside mine.toml come mine.calibration.json, \
+disc, ball_radius_mm, mm_per_px; paths are relative to it. In its place, DIR is a calibration folder of gs_sdk or \
+py3DCal. Beside mine.toml come mine.calibration.json, \
 mine.background.png and mine.html, a page of plots and pictures. In a job: [sensor] file = \"mine.toml\".
 
 FORCES.csv has a row for each moment of each press: press (its name), ball_radius_mm or punch_radius_mm, depth_mm or \
 contact_radius_mm, force_n, and if they are known time_s, shear_mm, shear_force_n.")]
 pub struct Calibrate {
-    /// The table of presses to learn from
-    #[arg(value_name = "PRESSES.csv", required_unless_present_any = ["evaluate", "taxim", "gelsight", "force"])]
-    #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight", "force"], requires = "background")]
+    /// The table of presses to learn from, or a calibration folder of gs_sdk or py3DCal
+    #[arg(value_name = "PRESSES.csv|DIR", required_unless_present_any = ["evaluate", "taxim", "gelsight", "force"])]
+    #[arg(conflicts_with_all = ["evaluate", "taxim", "gelsight", "force"])]
     presses: Option<PathBuf>,
-    /// Background image: the untouched pad
+    /// Background image: the untouched pad; folders have one
     #[arg(long, value_name = "BG.png", conflicts_with_all = ["evaluate", "taxim", "gelsight"])]
     background: Option<PathBuf>,
     /// Take over a calibration of Taxim's: a folder with polycalib.npz, dataPack.npz and params.json
@@ -85,8 +89,14 @@ pub struct Calibrate {
     #[arg(long, requires = "force")]
     fit_zero: bool,
     /// Simulate the presses of this table from circle and ball alone, and say how far they are from the images
-    #[arg(long, value_name = "PRESSES.csv", requires = "sensor")]
+    #[arg(long, value_name = "PRESSES.csv|DIR", requires = "sensor")]
     evaluate: Option<PathBuf>,
+    /// Width of a pixel on the pad, mm, where a folder does not tell: `ppmm` of gs_sdk
+    #[arg(long, value_name = "MM", value_parser = parse_pixel_size, conflicts_with_all = ["taxim", "gelsight", "force"])]
+    mm_per_px: Option<f64>,
+    /// Radius of the ball, mm, where a folder of py3DCal does not tell
+    #[arg(long, value_name = "MM", value_parser = parse_positive, conflicts_with_all = ["taxim", "gelsight", "force"])]
+    ball_radius_mm: Option<f64>,
     /// With --evaluate the sensor; else a preset or a sensor file from which comes what is not fitted
     #[arg(long, value_name = "PRESET|SENSOR.toml")]
     sensor: Option<String>,
@@ -146,6 +156,13 @@ fn parse_positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1e-2..=1e3).contains(&value) => Ok(value),
         _ => Err(String::from("write a number from 0.01 to 1000")),
+    }
+}
+
+fn parse_pixel_size(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (1e-6..=1e3).contains(&value) => Ok(value),
+        _ => Err(String::from("write a number from 0.000001 to 1000")),
     }
 }
 
@@ -213,12 +230,20 @@ impl Calibrate {
         if let Some(presses) = &self.force {
             return self.fit_forces(presses, start);
         }
-        match (&self.presses, &self.background, &self.taxim, &self.gelsight) {
-            (Some(presses), Some(background), ..) => self.fit_presses(presses, background, start),
-            (_, _, Some(folder), _) => self.import_taxim(folder, start),
+        match (&self.presses, &self.taxim, &self.gelsight) {
+            (Some(presses), ..) => self.fit_presses(presses, start),
+            (_, Some(folder), _) => self.import_taxim(folder, start),
             (.., Some(device)) => self.import_lamps(device, start),
             _ => Err(user_error("nothing to calibrate", "see gelsim calibrate --help").into()),
         }
+    }
+
+    /// Reads a table of presses, or a calibration folder.
+    fn read_presses(&self, path: &Path) -> Result<PressTable, Report> {
+        let &Self { mm_per_px, ball_radius_mm, .. } = self;
+        let has_sensor = self.evaluate.is_some();
+        let has_background = has_sensor || self.background.is_some();
+        presses::folder::read(path, GivenFacts { mm_per_px, ball_radius_mm, has_background, has_sensor })
     }
 
     fn log(&self) -> Log {
@@ -251,7 +276,7 @@ impl Calibrate {
             fidelity: self.fidelity,
             finds_circles: self.detect,
         };
-        let Evaluation { presses, findings } = evaluate_presses(table, &sensor, options)?;
+        let Evaluation { presses, findings } = evaluate_presses(self.read_presses(table)?, &sensor, options)?;
         self.report_findings(findings)?;
         fs::create_dir_all(&self.out).map_err(|error| denied_failure(&self.out, &error))?;
         let mut lines = Vec::new();
@@ -294,10 +319,15 @@ impl Calibrate {
         Ok(())
     }
 
-    fn fit_presses(&self, presses: &Path, background_image: &Path, sensor: Sensor) -> Result<(), Failure> {
+    fn fit_presses(&self, presses: &Path, sensor: Sensor) -> Result<(), Failure> {
+        let table = self.read_presses(presses)?;
+        let Some(background_image) = self.background.as_ref().or(table.background.as_ref()).cloned() else {
+            let help = "name an image of the untouched pad with --background";
+            return Err(user_error(format!("{}: no background image", presses.display()), help).into());
+        };
         let fewest = if self.leds { session::MIN_PRESSES_FOR_LEDS } else { session::MIN_PRESSES };
         let named = self.sensor.as_deref().map(|name| (name, sensor.field_of_view_mm));
-        let (mut session, notes) = session::read_session(presses, background_image, sensor, self.detect, fewest)?;
+        let (mut session, notes) = session::read_session(table, &background_image, sensor, self.detect, fewest)?;
         self.log().print_notes(&Report::new(&notes, &[]));
         let mut said: Vec<Diagnostic> = notes.into_iter().collect();
         if self.match_background {

@@ -1,7 +1,8 @@
 //! Tables of presses: images of a real sensor, each with the circle where a ball touched, from a CSV file.
 //!
 //! Columns may stand in any order and are found by their names; unknown ones are ignored. Numbers are taken as they are
-//! written: whether a circle fits its ball or its image is checked by those who know both.
+//! written: whether a circle fits its ball or its image is checked by those who know both. Calibration folders of other
+//! programs become the same tables ([`folder`]).
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -13,6 +14,9 @@ use gelsim_files::input;
 use gelsim_files::source::SourceText;
 use gelsim_files::spelling::find_nearest_name;
 use gelsim_files::spelling::join_alternatives;
+
+pub mod folder;
+pub mod square;
 
 /// Largest size of a table, bytes.
 const MAX_BYTES: u64 = 16 << 20;
@@ -42,7 +46,7 @@ pub struct PressRow {
     /// Radius of the ball, above 0; None if the table does not say.
     pub ball_radius_mm: Option<f64>,
     /// Width and height of a pixel on the pad, above 0; None if the table does not say.
-    pub mm_per_px: Option<f64>,
+    pub mm_per_px: Option<[f64; 2]>,
 }
 
 /// A table of at least one press.
@@ -52,6 +56,12 @@ pub struct PressTable {
     pub path: PathBuf,
     /// Rows, in order. No two name the same file.
     pub presses: Vec<PressRow>,
+    /// The background image of a calibration folder; `None` for a table by itself.
+    pub background: Option<PathBuf>,
+    /// What its reader has to say.
+    pub notes: Vec<Diagnostic>,
+    /// What gives an image its circle, for messages.
+    pub circle_advice: &'static str,
     source: SourceText,
     /// Names in the first line that are not those of a column.
     unknown: Vec<String>,
@@ -66,15 +76,16 @@ impl PressTable {
         Diagnostic::new(message).at(line_place(&self.source.text, line))
     }
 
-    /// Returns true if the table has the column.
+    /// Returns true if the table has the column, or for the size of a pixel those of its width and height.
     pub fn has_column(&self, column: PressColumn) -> bool {
-        self.columns[column as usize]
+        let has = |column: PressColumn| self.columns[column as usize];
+        has(column) || column == PressColumn::PixelSize && PIXEL_SIDES.into_iter().all(has)
     }
 
     /// Returns the mistake that the table lacks a column, at its first line; `None` if it has it. `what` says what
     /// belongs in it.
     pub fn report_missing_column(&self, column: PressColumn, what: &str) -> Option<Diagnostic> {
-        if self.columns[column as usize] {
+        if self.has_column(column) {
             return None;
         }
         let name = column.name();
@@ -107,6 +118,9 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<PressTable, Report> {
         (Some(ColumnLayout { places, unknown, .. }), true) => Ok(PressTable {
             path: path.to_owned(),
             presses,
+            background: None,
+            notes: Vec::new(),
+            circle_advice: "write the circle into the table",
             source,
             unknown,
             columns: places.map(|place| place.is_some()),
@@ -128,13 +142,19 @@ pub enum PressColumn {
     Radius,
     /// Radius of the ball.
     BallRadius,
-    /// Width of a pixel on the pad.
+    /// Width and height of a square pixel on the pad.
     PixelSize,
+    /// Width of a pixel that is not square.
+    PixelWidth,
+    /// Height of a pixel that is not square.
+    PixelHeight,
 }
 
 /// Names of all columns, in the order of [`PressColumn`].
-const COLUMNS: [&str; 6] = ["file", "centre_x_px", "centre_y_px", "radius_px", "ball_radius_mm", "mm_per_px"];
+const COLUMNS: [&str; 8] =
+    ["file", "centre_x_px", "centre_y_px", "radius_px", "ball_radius_mm", "mm_per_px", "mm_per_px_x", "mm_per_px_y"];
 const CIRCLE_COLUMNS: [PressColumn; 3] = [PressColumn::CentreX, PressColumn::CentreY, PressColumn::Radius];
+const PIXEL_SIDES: [PressColumn; 2] = [PressColumn::PixelWidth, PressColumn::PixelHeight];
 /// Form of a table, for messages.
 const TABLE_FORM: &str = "its first line is file,centre_x_px,centre_y_px,radius_px,ball_radius_mm,mm_per_px, \
                     and each further line is an image";
@@ -220,13 +240,7 @@ fn parse_presses(source: &SourceText, problems: &mut Diagnostics) -> (Vec<PressR
             return (presses, Some(layout));
         }
         if let Some(press) = layout.parse_press(&row, &source.folder, problems) {
-            if let Some(first) = seen.insert(Path::new(".").join(&press.path), press.line) {
-                let message = format!("`{}` is on line {first}, too", press.file);
-                let problem = row
-                    .error_in_cell(layout.file, message)
-                    .about(format!("`{}`", press.file), "images are there twice");
-                problems.push(problem.help("keep one of the two rows"));
-            }
+            problems.extend(report_repetition(&mut seen, &press, &row, layout.file));
             presses.push(press);
         }
         last = row;
@@ -236,6 +250,18 @@ fn parse_presses(source: &SourceText, problems: &mut Diagnostics) -> (Vec<PressR
         problems.push(problem.help("write a line for each image below it"));
     }
     (presses, Some(layout))
+}
+
+/// Reports an image that an earlier row names, too. `cell` holds its name.
+fn report_repetition(
+    seen: &mut HashMap<PathBuf, u64>,
+    press: &PressRow,
+    row: &TableRow,
+    cell: usize,
+) -> Option<Diagnostic> {
+    let first = seen.insert(Path::new(".").join(&press.path), press.line)?;
+    let problem = row.error_in_cell(cell, format!("`{}` is on line {first}, too", press.file));
+    Some(problem.about(format!("`{}`", press.file), "images are there twice").help("keep one of the two rows"))
 }
 
 /// Returns the cell whose quote is never closed, or is closed only in a later row although the cell holds no text.
@@ -309,6 +335,13 @@ impl ColumnLayout {
                 header.error_in_cell(index, format!("half a circle: no column is called `{}`", absent.name()));
             problems.push(problem.help(format!("{}{CIRCLE_HELP}", hint_for_column(absent.name(), &layout.unknown))));
         }
+        let sides = PIXEL_SIDES.map(|column| layout.cell_index(column));
+        if let Some(index) = sides[0].or(sides[1])
+            && (sides.contains(&None) || layout.cell_index(PressColumn::PixelSize).is_some())
+        {
+            let problem = header.error_in_cell(index, "the size of a pixel is neither one column nor two");
+            problems.push(problem.help(PIXEL_HELP));
+        }
         Some(layout)
     }
 
@@ -340,8 +373,25 @@ impl ColumnLayout {
             line: row.line,
             circle,
             ball_radius_mm: self.parse_number(row, PressColumn::BallRadius, problems),
-            mm_per_px: self.parse_number(row, PressColumn::PixelSize, problems),
+            mm_per_px: self.parse_pixel_size(row, problems),
         })
+    }
+
+    fn parse_pixel_size(&self, row: &TableRow, problems: &mut Diagnostics) -> Option<[f64; 2]> {
+        let size = self.parse_number(row, PressColumn::PixelSize, problems);
+        let sides = PIXEL_SIDES.map(|column| self.parse_number(row, column, problems));
+        let cells = PIXEL_SIDES.map(|column| self.cell_index(column));
+        if let [Some(x), Some(y)] = cells
+            && row.cell(x).is_empty() != row.cell(y).is_empty()
+        {
+            let problem = row.error_in_cell(x, "half the size of a pixel").help(PIXEL_HELP);
+            problems.push(problem.about(format!("line {}", row.line), "rows have half the size of a pixel"));
+        }
+        match (size, sides) {
+            (Some(size), _) => Some([size; 2]),
+            (None, [Some(x), Some(y)]) => Some([x, y]),
+            _ => None,
+        }
     }
 
     fn parse_circle(&self, row: &TableRow, problems: &mut Diagnostics) -> Option<Circle> {
@@ -422,6 +472,8 @@ fn join_names(names: &[&str]) -> String {
     join_alternatives(names).replace(" or ", " and ")
 }
 
+const PIXEL_HELP: &str =
+    "write `mm_per_px` for square pixels; for others `mm_per_px_x` and `mm_per_px_y`, and then `radius_px` is along x";
 const CIRCLE_HELP: &str = "a circle is `centre_x_px`, `centre_y_px` and `radius_px`: give all three or none";
 
 #[cfg(test)]

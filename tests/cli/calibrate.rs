@@ -10,7 +10,7 @@ use super::calibrated::{SIZE_PX, add_sensor, rest};
 use crate::support::{Folder, assert_same_files, json};
 
 /// Column, row and radius of circles.
-const CIRCLES: [[f64; 3]; 7] = [
+pub const CIRCLES: [[f64; 3]; 7] = [
     [30.0, 25.0, 8.0],
     [60.5, 30.2, 7.0],
     [45.0, 50.0, 8.5],
@@ -19,10 +19,10 @@ const CIRCLES: [[f64; 3]; 7] = [
     [50.0, 20.0, 9.0],
     [72.0, 22.0, 6.5],
 ];
-const HEAD: &str = "file,centre_x_px,centre_y_px,radius_px,ball_radius_mm,mm_per_px\n";
+pub const HEAD: &str = "file,centre_x_px,centre_y_px,radius_px,ball_radius_mm,mm_per_px\n";
 
 /// A ball's dent: coloured by its slope, with a halo.
-fn pressed([x, y, radius]: [f64; 3]) -> RgbImage {
+pub fn pressed([x, y, radius]: [f64; 3]) -> RgbImage {
     let mut picture = rest();
     for (column, row, pixel) in picture.enumerate_pixels_mut() {
         let (across, down) = ((f64::from(column) - x) / radius, (f64::from(row) - y) / radius);
@@ -52,7 +52,7 @@ pub fn good() -> Folder {
 }
 
 /// Fails with status 2, and writes nothing.
-fn refused(folder: &Folder, arguments: &str) -> String {
+pub fn refused(folder: &Folder, arguments: &str) -> String {
     let before = folder.files("");
     let said = folder.fail(arguments, 2);
     assert_same_files(&before, &folder.files(""));

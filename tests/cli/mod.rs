@@ -6,6 +6,7 @@
 mod augment;
 mod calibrate;
 mod calibrated;
+mod calibration_folders;
 mod clearance;
 mod compare;
 mod curved;

@@ -391,18 +391,19 @@ pub fn presses(bytes: &[u8]) {
     };
     assert!(!table.presses.is_empty());
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
-    let mut text = String::from("file,radius_px,centre_y_px,centre_x_px,mm_per_px,ball_radius_mm\n");
+    let mut text = String::from("file,radius_px,centre_y_px,centre_x_px,mm_per_px_x,mm_per_px_y,ball_radius_mm\n");
     for press in &table.presses {
         assert!(!press.file.is_empty());
         let circle = press.circle.map_or(String::from(",,"), |Circle { centre_px: [x, y], radius_px }| {
             assert!(x.is_finite() && y.is_finite() && radius_px.is_finite() && radius_px > 0.0);
             format!("{radius_px},{y},{x}")
         });
-        let [pitch, ball] = [press.mm_per_px, press.ball_radius_mm].map(|value| {
+        let [width, height] = [0, 1].map(|k| press.mm_per_px.map(|size| size[k]));
+        let [width, height, ball] = [width, height, press.ball_radius_mm].map(|value| {
             assert!(value.is_none_or(|value| value.is_finite() && value > 0.0));
             value.map_or(String::new(), |value| value.to_string())
         });
-        text += &format!("{},{circle},{pitch},{ball}\n", quoted(&press.file));
+        text += &format!("{},{circle},{width},{height},{ball}\n", quoted(&press.file));
     }
     let again = press_file::parse(path, text.as_bytes()).expect("what was written can be read");
     let but_lines = |presses: &[press_file::PressRow]| -> Vec<press_file::PressRow> {

@@ -105,6 +105,10 @@ ELSEWHERE = {
         "GelSight's files; there with made-up ones",
         "tests/cli/gelsight.rs",
     ),
+    "gelsim calibrate calib_data --mm-per-px 0.0634 --out my-sensor.toml": (
+        "a folder of gs_sdk; there with a drawn one",
+        "tests/cli/calibration_folders.rs",
+    ),
     "python tests/transfer/run.py GELSIM --real FOLDER": ("real presses; what it printed", "docs/evidence/transfer.md"),
     "python tests/transfer/run.py GELSIM --real FOLDER --set gsmini_gssdk digit_fots gelsight_thu": (
         "real presses; what it printed",

@@ -11,6 +11,7 @@ use gelsim_files::sensor::Sensor;
 use gelsim_lab::calibrate::pixels::ERROR_REACH;
 use gelsim_lab::calibrate::{Session, light_to_rgb, session};
 use gelsim_lab::compare::score::{Score, Scores, score_images};
+use gelsim_lab::presses;
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -26,7 +27,8 @@ pub fn folder() -> Option<PathBuf> {
 /// The presses in a sensor's folder; None, with a message, where they cannot be calibrated from.
 pub fn session(folder: &Path) -> Option<Session> {
     let [table, background] = ["annotations.csv", "background.png"].map(|file| folder.join(file));
-    match session::read_session(&table, &background, Sensor::default(), false, session::MIN_PRESSES) {
+    let read = |table| session::read_session(table, &background, Sensor::default(), false, session::MIN_PRESSES);
+    match presses::read(&table).and_then(read) {
         Ok((session, _)) => Some(session),
         Err(_) => {
             println!("{}: no table of circles and balls of known size", folder.display());

@@ -3,8 +3,6 @@
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 use gelsim_core::simulator::Stages;
-use std::path::Path;
-
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -16,7 +14,8 @@ use super::outliers::OutlierReason;
 use super::pixels::ERROR_REACH;
 use super::{Geometry, Observation, Session, light_to_rgb, session};
 use crate::compare::score::{Scores, score_images};
-use crate::presses::{self, Circle, PressColumn, PressRow, PressTable};
+use crate::presses::square::SquarePixels;
+use crate::presses::{Circle, PressColumn, PressRow, PressTable};
 use gelsim_core::effects::EffectPolicy;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, Severity};
@@ -56,8 +55,11 @@ pub struct EvaluationOptions {
 }
 
 /// Simulates the presses of a table. On failure returns every mistake in the table.
-pub fn evaluate_presses(table: &Path, sensor: &Sensor, options: EvaluationOptions) -> Result<Evaluation, Report> {
-    let table = presses::read(table)?;
+pub fn evaluate_presses(
+    mut table: PressTable,
+    sensor: &Sensor,
+    options: EvaluationOptions,
+) -> Result<Evaluation, Report> {
     // The presses are those of a smooth, flat pad, and simulated noise would add to the error.
     let mut still = sensor.camera;
     (still.shot_noise_levels, still.read_noise_levels, still.speckle_levels) = (0.0, 0.0, 0.0);
@@ -71,10 +73,18 @@ pub fn evaluate_presses(table: &Path, sensor: &Sensor, options: EvaluationOption
     let untouched = RgbImage::from_raw(rest.width as u32, rest.height as u32, rest.rgb.clone());
     let untouched = untouched.expect("three bytes for each pixel of the background");
 
-    let read = |press: &PressRow| {
-        session::read_picture(&press.path).map(|image| if is_printed { remove_dots(image) } else { image })
-    };
-    let images: Vec<Result<RgbImage, String>> = table.presses.par_iter().map(read).collect();
+    let mut images: Vec<Result<RgbImage, String>> =
+        table.presses.par_iter().map(|press| session::read_picture(&press.path)).collect();
+    let mut notes = std::mem::take(&mut table.notes);
+    let size = images.iter().find_map(|image| Some(image.as_ref().ok()?.dimensions()));
+    if let Some(square) = size.zip(session::usual_pixel_size(&table)).and_then(|(size, mm)| SquarePixels::new(size, mm))
+    {
+        square.resample_presses(&mut table, &mut images);
+        notes.push(square.to_note());
+    }
+    if is_printed {
+        images = images.into_par_iter().map(|image| image.map(remove_dots)).collect();
+    }
     let (mut problems, unusable) = (Diagnostics::default(), find_unusable_images(&table, &images, &untouched));
     let circles = find_circles(&table, &images, &untouched, options.finds_circles, &mut problems);
     check_table(&table, &mut problems);
@@ -103,7 +113,7 @@ pub fn evaluate_presses(table: &Path, sensor: &Sensor, options: EvaluationOption
     let (presses, too_large): (Vec<EvaluatedPress>, Vec<bool>) = rows.filter_map(one).unzip();
     let session = to_observations(&table, &circles, images, untouched, &simulator);
     let as_warning = |found: Diagnostic| Diagnostic { severity: Severity::Warning, ..found };
-    let mut findings = Findings::default();
+    let mut findings = Findings(notes);
     findings.extend(scale::judge_scale(&session, options.contact_over_disc.or(calibrated), None));
     if is_photograph {
         let circles = circles::judge_circles(&session);
@@ -182,12 +192,13 @@ fn find_circles(
     for (press, _) in table.presses.iter().zip(&circles).filter(|(_, circle)| circle.is_none()) {
         let problem = table.row_problem(press.line, format!("{}: no circle", press.file));
         let (cause, help) = if detects {
-            ("images show no press that is found", "write the circle into the table, or leave the row out")
-        } else {
             (
-                "images have no circle in the table",
-                "write the circle into the table, or add --detect to have it looked for",
+                "images show no press that is found",
+                String::from("write the circle into the table, or leave the row out"),
             )
+        } else {
+            let help = format!("{}, or add --detect to have it looked for", table.circle_advice);
+            ("images have no circle in the table", help)
         };
         problems.push(problem.about(press.file.as_str(), cause).help(help));
     }
@@ -225,7 +236,7 @@ fn check_table(table: &PressTable, problems: &mut Diagnostics) {
 
 /// Warns about rows whose pixel size differs from the sensor's, which is used.
 fn check_pixel_sizes(table: &PressTable, own: f64) -> Vec<Diagnostic> {
-    let odd = table.presses.iter().filter_map(|press| Some((press, press.mm_per_px?)));
+    let odd = table.presses.iter().filter_map(|press| Some((press, press.mm_per_px?[0])));
     let odd = odd.filter(|(_, mm)| (mm / own - 1.0).abs() > 0.01).map(|(press, mm)| {
         let message = format!("{}: {mm} mm per px in the table, {own:.6} on the sensor, which counts", press.file);
         let cause = format!("rows have another `mm_per_px` than the sensor, {own:.6}, which counts");
@@ -277,8 +288,12 @@ fn simulate_press(
     (EvaluatedPress { file: press.file.clone(), simulated, scores, background_scores: bare }, found.is_none())
 }
 
-/// Name of the picture for an image: the image's name without folders, ending in `.png`.
+/// Name of the picture for an image: the image's name without folders, ending in `.png`. In folders of gs_sdk all images
+/// have one name: there it is that of their folders.
 pub fn picture_name(file: &str) -> String {
+    if let Some(folders) = file.strip_suffix("/gelsight.png") {
+        return format!("{}.png", folders.replace(['/', '\\'], "_"));
+    }
     let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
     let stem = name.rsplit_once('.').map_or(name, |(stem, _)| stem);
     format!("{stem}.png")

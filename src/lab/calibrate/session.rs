@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::dots::{Dots, InpaintedImage};
 use super::{Observation, PrintedDots, Session};
 use crate::calibrate::detect::{Detection, detect_disc};
-use crate::presses::{self, PressColumn, PressRow, PressTable};
+use crate::presses::square::{MAX_RATIO, SquarePixels};
+use crate::presses::{PressColumn, PressRow, PressTable};
 use gelsim_core::base::view::View;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::image_file;
@@ -66,16 +67,15 @@ fn table_folder(table: &PressTable) -> String {
     }
 }
 
-/// Reads a session of `sensor`, whose view is taken from the table and the background image. `detects`: circles that
-/// the table lacks are looked for. Returns the session with notes, or all mistakes.
+/// Reads the images of a table as a session of `sensor`, whose view is taken from the table and the background image.
+/// `detects`: circles that the table lacks are looked for. Returns the session with notes, or all mistakes.
 pub fn read_session(
-    table: &Path,
+    mut table: PressTable,
     background: &Path,
     sensor: Sensor,
     detects: bool,
     fewest: usize,
 ) -> Result<(Session, Diagnostics), Report> {
-    let table = presses::read(table)?;
     let mut problems = Diagnostics::default();
     let untouched = read_picture(background);
     if let Err(reason) = &untouched {
@@ -83,8 +83,8 @@ pub fn read_session(
         let help = format!("name an image of the untouched pad ({}) with --background", image_file::FORMAT_NAMES);
         problems.push(Diagnostic::new(message).help(help));
     }
-    let background = untouched.ok();
-    let images: Vec<Result<RgbImage, String>> =
+    let mut background = untouched.ok();
+    let mut images: Vec<Result<RgbImage, String>> =
         table.presses.par_iter().map(|press| read_picture(&press.path)).collect();
     for (press, image) in table.presses.iter().zip(&images) {
         if let Err(reason) = image {
@@ -94,8 +94,19 @@ pub fn read_session(
     if let Some(background) = &background {
         problems.extend(check_image_sizes(&table, &images, background));
     }
-    let mm_per_px = usual_pixel_size(&table);
-    problems.extend(check_numbers(&table, mm_per_px));
+    let pixel_mm = usual_pixel_size(&table);
+    problems.extend(check_numbers(&table, pixel_mm));
+    // Mistakes are collected rather than returned one by one, so that the user sees all of them in one run.
+    let mut notes = Diagnostics::default();
+    notes.extend(table.notes.drain(..));
+    if let (Some(picture), Some(mm)) = (&mut background, pixel_mm)
+        && let Some(square) = SquarePixels::new(picture.dimensions(), mm)
+    {
+        square.resample_presses(&mut table, &mut images);
+        *picture = square.resample_image(picture);
+        notes.push(square.to_note());
+    }
+    let mm_per_px = pixel_mm.map(|[x, y]| x.min(y));
     let printed = background.as_ref().and_then(Dots::find);
     let rest = printed.as_ref().map(|(_, cleared)| &cleared.image).or(background.as_ref());
     let looked: Vec<PressReading> = table
@@ -104,12 +115,10 @@ pub fn read_session(
         .zip(images)
         .filter_map(|(press, image)| Some(inspect_press(press, image.ok()?, rest?, printed.as_ref(), detects)))
         .collect();
-    // Mistakes are collected rather than returned one by one, so that the user sees all of them in one run.
-    let mut notes = Diagnostics::default();
     for press in table.presses.iter().filter(|press| press.circle.is_none() && !detects) {
         let problem = table.row_problem(press.line, format!("{}: no circle", press.file));
         let problem = problem.about(press.file.as_str(), "images have no circle in the table");
-        problems.push(problem.help("write the circle into the table, or add --detect to have it looked for"));
+        problems.push(problem.help(format!("{}, or add --detect to have it looked for", table.circle_advice)));
     }
     for PressReading { press, found, .. } in looked.iter().filter(|looked| looked.is_looked_for) {
         match found {
@@ -181,19 +190,23 @@ fn check_image_sizes(
 }
 
 /// Returns the pixel size that most rows have, mm; the first one of equally frequent ones.
-fn usual_pixel_size(table: &PressTable) -> Option<f64> {
-    let all: Vec<f64> = table.presses.iter().filter_map(|press| press.mm_per_px).collect();
-    let count = |mm: f64| all.iter().filter(|own| is_same_size(**own, mm)).count();
+pub fn usual_pixel_size(table: &PressTable) -> Option<[f64; 2]> {
+    let all: Vec<[f64; 2]> = table.presses.iter().filter_map(|press| press.mm_per_px).collect();
+    let count = |mm: [f64; 2]| all.iter().filter(|own| is_same_size(**own, mm)).count();
     let most = all.iter().map(|mm| count(*mm)).max()?;
     all.iter().copied().find(|mm| count(*mm) == most)
 }
 
-fn is_same_size(a: f64, b: f64) -> bool {
-    (a / b - 1.0).abs() <= 1e-6
+fn is_same_size(a: [f64; 2], b: [f64; 2]) -> bool {
+    (0..2).all(|k| (a[k] / b[k] - 1.0).abs() <= 1e-6)
+}
+
+fn format_pixel_size([x, y]: [f64; 2]) -> String {
+    if x == y { x.to_string() } else { format!("{x} x {y}") }
 }
 
 /// Reports missing and differing numbers of balls and pixels. `usual_mm` is the pixel size that most rows have.
-fn check_numbers(table: &PressTable, usual_mm: Option<f64>) -> Vec<Diagnostic> {
+fn check_numbers(table: &PressTable, usual_mm: Option<[f64; 2]>) -> Vec<Diagnostic> {
     let mut all = Vec::new();
     let columns = [
         (PressColumn::BallRadius, "ball_radius_mm", "the radius of the ball in mm"),
@@ -215,17 +228,22 @@ fn check_numbers(table: &PressTable, usual_mm: Option<f64>) -> Vec<Diagnostic> {
         }));
     }
     let odd = table.presses.iter().filter_map(|press| {
-        let (own, usual) = (press.mm_per_px?, usual_mm?);
+        let is_odd = !is_same_size(press.mm_per_px?, usual_mm?);
+        let [own, usual] = [press.mm_per_px?, usual_mm?].map(format_pixel_size);
         let problem = || {
             let problem =
                 table.row_problem(press.line, format!("{}: {own} mm per px, {usual} in most rows", press.file));
             let cause = format!("rows have another `mm_per_px` than most, {usual}");
             problem.about(format!("{} ({own})", press.file), cause)
         };
-        (!is_same_size(own, usual))
-            .then(|| problem().help("one camera has one pixel size: write the same into every row"))
+        is_odd.then(|| problem().help("one camera has one pixel size: write the same into every row"))
     });
     all.extend(odd);
+    if let Some([x, y]) = usual_mm.filter(|[x, y]| !(1.0 / MAX_RATIO..=MAX_RATIO).contains(&(x / y))) {
+        let message = format!("pixels of {x} x {y} mm are more than {MAX_RATIO} times as long as wide");
+        let help = "write width and height of a pixel on the pad, in mm, as `mm_per_px_x` and `mm_per_px_y`";
+        all.push(table.row_problem(table.presses[0].line, message).help(help));
+    }
     all
 }
 
