@@ -63,6 +63,8 @@ ELSEWHERE = {
     "cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none TARGET": ("a nightly compiler", ".ci/run"),
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/evidence/transfer.md"),
+    "python tests/transfer/shear.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/evidence/transfer.md"),
+    "python tests/transfer/pretrain.py GELSIM --real FOLDER": ("real presses; what it printed", "docs/evidence/transfer.md"),
     "GELSIM_REAL_DATA=FOLDER python -m pytest -s tests/python/test_real_forces.py": (
         "pictures that are not part of this project",
         "docs/evidence/forces.md",

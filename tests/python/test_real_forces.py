@@ -35,6 +35,10 @@ from PIL import Image
 sys.path.append(str(Path(__file__).parents[1] / "presets"))
 import allsight
 
+# Pins are found and followed there.
+sys.path.append(str(Path(__file__).parents[1] / "transfer"))
+from pins import VIEWS, as_complex, find_dots, read_white, track_pins
+
 pytestmark = pytest.mark.wheel
 
 
@@ -70,11 +74,8 @@ def relate_ranks(first, second):
 
 
 class Robot(NamedTuple):
-    """A robot with its TacTip: how its picture lies over the preset's, as pins do that hardly moved, and how it moves."""
+    """How a robot with its TacTip moves."""
 
-    scale: float  # pixels for one of the preset's
-    turn_deg: float
-    middle_px: complex
     x_axis_deg: float  # where the robot's x is in the picture
     tilt_sense: int  # whether it turns as the sensor's axes do
     twist_sense: int
@@ -83,22 +84,16 @@ class Robot(NamedTuple):
 
 # Senses, friction and first contact, as the robots count depth, are chosen on every other row of the table, from the first one.
 ROBOTS = {
-    "franka": Robot(4.0753, -0.67, 224.501 + 220.878j, 130.0, 1, -1, 1.0),
-    "cr": Robot(3.8367, -0.08, 210.537 + 211.927j, -161.0, -1, 1, 0.2),
+    "franka": Robot(130.0, 1, -1, 1.0),
+    "cr": Robot(-161.0, -1, 1, 0.2),
 }
 FIRST_CONTACT_MM = 0.7
 POSE_COLUMNS = ["depth_mm", "tilt_rx_deg", "tilt_ry_deg", "shear_x_mm", "shear_y_mm", "shear_rz_deg"]
-PICTURE_MIDDLE = 63.5 + 63.5j
 DOME_RADIUS_MM, PAD_MM = 20.0, 11.0
 # Pins are numbered ring by ring, from the middle.
 RINGS = numpy.repeat(numpy.arange(11), [1, *range(6, 61, 6)])
 BANDS = {"0-3": (0, 3), "4-6": (4, 6), "7-10": (7, 10), "0-6": (0, 6), "all": (0, 10)}
 PRESS_STEPS, SLIDE_STEPS = 3, 4
-
-
-def as_complex(points_px):
-    x, y = numpy.array(points_px, float).T
-    return x + 1j * y - PICTURE_MIDDLE
 
 
 def find_x_axis(robot):
@@ -108,80 +103,6 @@ def find_x_axis(robot):
 def find_shear(robot, poses):
     """How far a tip moved along the surface, mm, in the picture's axes: of a pose or several."""
     return (poses[..., 3] + 1j * poses[..., 4]) * find_x_axis(robot)
-
-
-def choose_around(plane, choose):
-    """Gives each pixel the largest or least value of itself and the eight around it."""
-    for axis in (0, 1):
-        plane = choose(choose(plane, numpy.roll(plane, 1, axis)), numpy.roll(plane, -1, axis))
-    return plane
-
-
-def find_dots(path):
-    """Finds the middles of white spots, of a pin's size, in a binarised picture."""
-    # Black around it, as values come in from the other side.
-    white = numpy.pad(numpy.asarray(Image.open(path).convert("L")) > 127, 1)
-    white = choose_around(choose_around(white, numpy.minimum), numpy.maximum)
-    # Each spot gets the largest of its pixels' numbers; pins that touch by corners alone are two.
-    labels = numpy.where(white, numpy.arange(1, white.size + 1).reshape(white.shape), 0)
-    while True:
-        beside = [numpy.roll(labels, step, axis) for step in (1, -1) for axis in (0, 1)]
-        grown = numpy.where(white, numpy.maximum.reduce([labels, *beside]), 0)
-        if numpy.array_equal(grown, labels):
-            break
-        labels = grown
-    row, column = numpy.nonzero(white)
-    _, spot, area = numpy.unique(labels[white], return_inverse=True, return_counts=True)
-    middles = (numpy.bincount(spot, column) + 1j * numpy.bincount(spot, row)) / area
-    return middles[(area > 30) & (area < 260)] - (1 + 1j)
-
-
-def match(places, dots, within_px):
-    """Pairs places with dots: the nearest dot of each, its distance, and whether the two are each other's nearest."""
-    squared = (places.real[:, None] - dots.real) ** 2 + (places.imag[:, None] - dots.imag) ** 2
-    nearest = squared.argmin(axis=1)
-    distance = numpy.sqrt(squared[numpy.arange(len(places)), nearest])
-    return nearest, distance, (distance < within_px) & (squared.argmin(axis=0)[nearest] == numpy.arange(len(places)))
-
-
-def improve_motion(pins, motion, dots, stages):
-    """Fits polynomials in the pins' places to what they match, again and again; None where too little matches."""
-    x, y = pins.real / 50, pins.imag / 50
-    for degree, within_px, times in stages:
-        terms = numpy.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
-        for _ in range(times):
-            nearest, distance, matched = match(pins + motion, dots, within_px)
-            if matched.sum() < 120:
-                return None
-            weighted = terms[matched].T / (1 + (distance[matched] / (0.4 * within_px)) ** 2)
-            square = weighted @ terms[matched] + 1e-4 * numpy.eye(terms.shape[1])
-            motion = terms @ numpy.linalg.solve(square, weighted @ (dots[nearest] - pins)[matched])
-    return motion
-
-
-def track_pins(pins, dots, shear):
-    """Finds how far each pin moved, NaN where it is lost: from many first guesses that one which matches most pins."""
-    guesses = [complex(x, y) for x in (-6, -3, 0, 3, 6) for y in (-6, -3, 0, 3, 6) if numpy.hypot(x, y) < 7]
-    # Or the dome's middle moved more than its rim.
-    bulge = numpy.exp(-((abs(pins) / 40) ** 2))
-    guesses += [shear * (even + more * bulge) for even in (0, 0.5, 1, 1.5) for more in (0, 1, 2)]
-    coarse = []
-    for guess in guesses:
-        motion = improve_motion(pins, guess + 0 * pins, dots, [(0, 4, 3), (1, 3.5, 4), (2, 3, 4)])
-        if motion is not None:
-            coarse.append((numpy.minimum(match(pins + motion, dots, 1)[1], 2.5).mean(), motion))
-    different = []
-    for _, motion in sorted(coarse, key=lambda each: each[0]):
-        if len(different) < 6 and all(abs(motion - other).max() >= 0.7 for other in different):
-            different.append(motion)
-    best = numpy.full(len(pins), numpy.nan + 0j)
-    for motion in different:
-        motion = improve_motion(pins, motion, dots, [(2, 2.6, 3), (3, 2.6, 5), (5, 2.4, 6), (7, 2.2, 5)])
-        if motion is not None:
-            nearest, _, matched = match(pins + motion, dots, 1.6)
-            if matched.sum() > (~numpy.isnan(best)).sum():
-                best = numpy.where(matched, dots[nearest] - pins, numpy.nan)
-    return best
 
 
 def turn_about(vector):
@@ -287,12 +208,11 @@ def test_pins_move_as_a_real_tactips(name):
     pad_mm = changes.get("sensor.gelpad_thickness_mm", PAD_MM)
     simulator = gelsim.Simulator("tactip", set=preset)
     pins = as_complex(simulator.press(make_disc((0, 0), 17.0), gelsim.Placement((0, 0, 1.0))).pins["rest_px"])
-    lie = robot.scale * numpy.exp(1j * numpy.radians(robot.turn_deg))
     real, simulated, poses = [], [], []
     for row in rows:
         pose = numpy.array([float(row[key]) for key in POSE_COLUMNS])
-        dots = (find_dots(folder / row["file"]) - robot.middle_px) / lie
-        motion = track_pins(pins, dots[abs(dots) < 60], find_shear(robot, pose))
+        dots = VIEWS[name].place(find_dots(read_white(folder / row["file"])))
+        motion = track_pins(pins, dots, find_shear(robot, pose))
         # Where many pins are lost, others may be taken for their neighbours.
         if numpy.isnan(motion).mean() <= 0.05:
             real.append(motion)

@@ -176,7 +176,10 @@ def ball(radius, path):
 
 
 def simulated(gelsim, sensor, view_mm, depth_mm, radii, samples, seed, extra="", fidelity="standard", balls=0.5):
-    """Random presses under a sensor (lines of its table), a fraction `balls` of balls, the others of objects."""
+    """Random presses under a sensor (lines of its table), a fraction `balls` of balls, the others of objects.
+
+    A list where `extra` has `[sensors]`: the presses of each.
+    """
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         for at, radius in enumerate(radii):
@@ -214,11 +217,16 @@ depth_format = "npy"
         (folder / "job.toml").write_text(job)
         options = "--fidelity", fidelity, "--threads", 1, "--quiet"
         run(gelsim, "generate", folder / "job.toml", "--out", folder / "out", *options)
-        shard = folder / "out/data/train-000000"
-        names = sorted(path.name.split(".")[0] for path in shard.glob("*.tactile.png"))
-        found = []
-        for name in names:
-            change = picture(shard / f"{name}.tactile.png") - picture(shard / f"{name}.reference.png")
-            found.append([reduced(change)] + [reduced(layer) for layer in layers(shard, name)])
+        sets = [rendered(shard, view_mm) for shard in sorted((folder / "out").glob("**/train-000000"))]
+        return sets if "[sensors]" in extra else sets[0]
+
+
+def rendered(shard, view_mm):
+    """The presses in a folder of samples."""
+    found = []
+    for image in sorted(shard.glob("*.tactile.png")):
+        name = image.name.split(".")[0]
+        change = picture(image) - picture(shard / f"{name}.reference.png")
+        found.append([reduced(change)] + [reduced(layer) for layer in layers(shard, name)])
     stacked = [numpy.stack(layer) for layer in zip(*found)]
     return Presses(*stacked, view_mm[0] / stacked[0].shape[2])

@@ -24,9 +24,7 @@ def read_normals(learnt, pixels, source):
     labels = numpy.stack([learnt[:, 3], learnt[:, 4], learnt[:, 5] > 0.05, learnt[:, 5]], axis=1).astype("float32")
     random = numpy.random.default_rng(7)
     weights = network.train(inputs(learnt, 6 + 3 * source), labels, 48, 1500, random, batch=1024)
-    found = network.forward(weights, inputs(pixels, 6))[-1][:, :2]
-    found = found / numpy.maximum(1, numpy.hypot(*found.T) / 0.999)[:, None]
-    return network.angle_deg(found, pixels[:, 3:5])
+    return network.angle_deg(network.as_normal(network.forward(weights, inputs(pixels, 6))[-1]), pixels[:, 3:5])
 
 
 def main():

@@ -71,20 +71,15 @@ def forward(weights, inputs):
     return layers
 
 
-def train(inputs, labels, units, steps, random, batch=2048, rate=4e-3, decay=1e-4):
-    """Weights fitted to pixels: squared errors of normal and height, cross entropy of contact."""
-    sizes = inputs.shape[1], units, units, 4
+def fit(sizes, draw, steps, random, rate=4e-3, decay=1e-4):
+    """Weights that Adam finds; `draw` gives a batch's inputs, and what makes the loss's slopes of the values for it."""
     weights = [(random.normal(size=(a, b), scale=a**-0.5).astype("float32"), numpy.zeros(b, "float32"))
                for a, b in zip(sizes, sizes[1:])]
-    spread = labels.std(axis=0) + 1e-6
-    scale = numpy.array([1 / spread[:2].max(), 1 / spread[:2].max(), 1, 1 / spread[3]], "float32")
     moments = [[numpy.zeros_like(part) for part in layer] for layer in weights for _ in range(2)]
     for step in range(1, steps + 1):
-        some = random.integers(len(inputs), size=batch)
-        layers = forward(weights, inputs[some])
-        error = layers[-1] - labels[some] * scale
-        error[:, 2] = 1 / (1 + numpy.exp(-layers[-1][:, 2])) - labels[some, 2]
-        back = error / batch
+        inputs, slopes_of = draw()
+        layers = forward(weights, inputs)
+        back = slopes_of(layers[-1])
         now = rate * 0.5 * (1 + numpy.cos(numpy.pi * step / steps)) + 1e-6
         for at in reversed(range(len(weights))):
             matrix, bias = weights[at]
@@ -95,6 +90,25 @@ def train(inputs, labels, units, steps, random, batch=2048, rate=4e-3, decay=1e-
                 first += 0.1 * (slope - first)
                 second += 0.001 * (slope * slope - second)
                 part -= now * (first / (1 - 0.9**step) / (numpy.sqrt(second / (1 - 0.999**step)) + 1e-8) + decay * part)
+    return weights
+
+
+def train(inputs, labels, units, steps, random, batch=2048):
+    """Weights fitted to pixels: squared errors of normal and height, cross entropy of contact."""
+    spread = labels.std(axis=0) + 1e-6
+    scale = numpy.array([1 / spread[:2].max(), 1 / spread[:2].max(), 1, 1 / spread[3]], "float32")
+
+    def draw():
+        some = random.integers(len(inputs), size=batch)
+
+        def slopes_of(out):
+            error = out - labels[some] * scale
+            error[:, 2] = 1 / (1 + numpy.exp(-out[:, 2])) - labels[some, 2]
+            return error / batch
+
+        return inputs[some], slopes_of
+
+    weights = fit((inputs.shape[1], units, units, 4), draw, steps, random)
     matrix, bias = weights[-1]
     scale[2] = 1
     weights[-1] = matrix / scale, bias / scale
@@ -115,12 +129,17 @@ def integrate(normal, height, mm_per_px):
     return numpy.fft.ifft2(right / (1 / REACH_MM**2 - wx**2 - wy**2)).real[:rows, :columns]
 
 
+def as_normal(out):
+    """x and y of the unit normals in what a network gives."""
+    return out[..., :2] / numpy.maximum(1, numpy.hypot(out[..., 0], out[..., 1]) / 0.999)[..., None]
+
+
 def predict(weights, change, mm_per_px):
     """Normals x and y, contact, and height in mm, of one image."""
     height, width, _ = change.shape
     rows, columns = numpy.divmod(numpy.arange(height * width), width)
     out = forward(weights, features(change, rows, columns))[-1].reshape(height, width, 4)
-    normal = out[..., :2] / numpy.maximum(1, numpy.hypot(out[..., 0], out[..., 1]) / 0.999)[..., None]
+    normal = as_normal(out)
     return normal, out[..., 2] > 0, integrate(normal, out[..., 3], mm_per_px)
 
 
