@@ -112,7 +112,7 @@ fn capture(c: &mut Criterion) {
     for name in ["dots", "sphere"] {
         let plan = plan(name);
         let pose = Scene::draw(&plan, 0, 0).pose.placement();
-        let object = &plan.sampling.objects[0].clusters;
+        let object = &plan.sampling.objects[0].geometry.clusters();
         group.bench_function(BenchmarkId::new("bundled", name), |b| {
             b.iter(|| depth::capture_mesh(black_box(object), &pose, &CAMERA, WINDOW, 3.0));
         });
@@ -120,7 +120,9 @@ fn capture(c: &mut Criterion) {
     let plan = plan("dots");
     let above = Placement { translation_mm: [0.0, 0.0, 50.0], ..Scene::draw(&plan, 0, 0).pose.placement() };
     group.bench_function(BenchmarkId::new("bundled", "out of reach"), |b| {
-        b.iter(|| depth::capture_mesh(black_box(&plan.sampling.objects[0].clusters), &above, &CAMERA, WINDOW, 3.0));
+        b.iter(|| {
+            depth::capture_mesh(black_box(&plan.sampling.objects[0].geometry.clusters()), &above, &CAMERA, WINDOW, 3.0)
+        });
     });
     group.finish();
 }
