@@ -157,7 +157,12 @@ impl Pose {
 
     /// Turns an object; its origin stays at the frame's origin.
     pub fn turned(side: Side, angles: Angles) -> Self {
-        Self { rotation: object_rotation(side, angles), angles, ..Self::IDENTITY }
+        Self::turned_from(side.rotation(), angles)
+    }
+
+    /// Turns an object of which `facing` has turned a part towards the pad; its origin stays at the frame's origin.
+    pub fn turned_from(facing: DMat3, angles: Angles) -> Self {
+        Self { rotation: object_rotation(facing, angles), angles, ..Self::IDENTITY }
     }
 
     /// Moves the turned object so that its anchor is at `position_mm` and its lowest point at z = `lowest_mm`; see
@@ -186,15 +191,24 @@ impl Pose {
         Self { translation_mm, ..self }
     }
 
-    /// Turns an object by its yaw, then about the sensor's x, then about its y, degrees; its origin stays at the
-    /// frame's origin.
-    pub fn rolled(side: Side, yaw_deg: f64, roll_deg: f64, pitch_deg: f64) -> Self {
+    /// Moves the turned object so that a point of it, mm from its centre, is at `position_mm` and its lowest point at
+    /// z = `lowest_mm`.
+    pub fn moved_to_point(self, point_mm: DVec3, position_mm: [f64; 2], lowest_mm: f64, object: &Clusters) -> Self {
+        let placed = self.moved([0.0; 2], Anchor::Origin, lowest_mm, object);
+        let at = self.rotation * (DVec3::from_array(object.centre_mm()) + point_mm);
+        let translation_mm = DVec3::new(position_mm[0] - at.x, position_mm[1] - at.y, placed.translation_mm.z);
+        Self { translation_mm, ..self }
+    }
+
+    /// Turns an object of which `facing` has turned a part towards the pad by its yaw, then about the sensor's x, then
+    /// about its y, degrees; its origin stays at the frame's origin.
+    pub fn rolled(facing: DMat3, yaw_deg: f64, roll_deg: f64, pitch_deg: f64) -> Self {
         let turn = rotation_about(DVec3::Y, pitch_deg)
             * rotation_about(DVec3::X, roll_deg)
             * rotation_about(DVec3::Z, yaw_deg);
         let quaternion = DQuat::from_mat3(&turn).normalize();
         let Self { angles, .. } = Self::from_quaternion(quaternion.to_array(), [0.0; 3]);
-        Self { rotation: turn * side.rotation(), angles, ..Self::IDENTITY }
+        Self { rotation: turn * facing, angles, ..Self::IDENTITY }
     }
 
     /// Returns the height of the object's underside on the sensor's axis over the undeformed pad, mm; `None` if the
@@ -264,11 +278,10 @@ fn half_turn() -> DMat3 {
 }
 
 /// Returns the rotation from the object's axes to the sensor's.
-fn object_rotation(side: Side, angles: Angles) -> DMat3 {
-    let turned = side.rotation();
+fn object_rotation(facing: DMat3, angles: Angles) -> DMat3 {
     let (sin, cos) = sin_cos_deg(angles.tilt_azimuth_deg);
     let tilt_axis = DVec3::new(cos, sin, 0.0);
-    rotation_about(tilt_axis, angles.tilt_deg) * rotation_about(DVec3::Z, angles.yaw_deg) * turned
+    rotation_about(tilt_axis, angles.tilt_deg) * rotation_about(DVec3::Z, angles.yaw_deg) * facing
 }
 
 /// Returns the right-handed rotation by `angle_deg` about a unit `axis` (Rodrigues).
@@ -308,7 +321,7 @@ mod tests {
             (Side::PlusZ, DVec3::Z),
             (Side::MinusZ, DVec3::NEG_Z),
         ] {
-            let turned = object_rotation(face, LEVEL) * side;
+            let turned = object_rotation(face.rotation(), LEVEL) * side;
             assert_eq!(turned, DVec3::NEG_Z, "{face:?} must face the camera exactly");
         }
     }
@@ -358,7 +371,7 @@ mod tests {
         let q = DVec3::new(0.3, 1.7, -4.0);
         let (here, there) = (pose.rotation * q + pose.translation_mm, faced.rotation * q + faced.translation_mm);
         assert_eq!(there, DVec3::new(-here.x, here.y, -here.z));
-        let made = Pose { rotation: object_rotation(Side::MinusZ, faced.angles), ..Pose::IDENTITY };
+        let made = Pose { rotation: object_rotation(DMat3::IDENTITY, faced.angles), ..Pose::IDENTITY };
         let by_angles = made.rotation * half_turn() * Side::PlusX.rotation();
         assert!(by_angles.abs_diff_eq(faced.rotation, 1e-14), "{by_angles} {}", faced.rotation);
         assert_eq!(faced.seen_by_opposite_pad().rotation, pose.rotation);
@@ -370,12 +383,12 @@ mod tests {
             [(0.0, 0.0, 0.0), (30.0, 20.0, 70.0), (-140.0, 90.0, -160.0), (179.0, 1e-6, 10.0), (0.0, 180.0, 45.0)];
         for (yaw_deg, tilt_deg, tilt_azimuth_deg) in cases {
             let angles = Angles { yaw_deg, tilt_deg, tilt_azimuth_deg };
-            let made = Pose { rotation: object_rotation(Side::MinusZ, angles), ..Pose::IDENTITY };
+            let made = Pose { rotation: object_rotation(DMat3::IDENTITY, angles), ..Pose::IDENTITY };
             let placed = Pose::from_quaternion(made.quaternion_xyzw(), [1.0, 2.0, 3.0]);
             assert_eq!(placed.translation_mm, DVec3::new(1.0, 2.0, 3.0));
             assert!(placed.rotation.abs_diff_eq(made.rotation, 1e-12));
             assert!(
-                object_rotation(Side::MinusZ, placed.angles).abs_diff_eq(made.rotation, 1e-12),
+                object_rotation(DMat3::IDENTITY, placed.angles).abs_diff_eq(made.rotation, 1e-12),
                 "{:?}",
                 placed.angles
             );

@@ -7,12 +7,16 @@
 
 use std::sync::Arc;
 
+use glam::{DMat3, DVec3};
+
+use crate::config::scene::PressedPart;
 use crate::layout::Split;
 use crate::plan::Plan;
 use gelsim_core::base::rng::{self, RandomStream};
 use gelsim_core::depth::outline::Outline;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
+use gelsim_core::mesh::surface::{Surface, SurfacePoint};
+use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose};
 use gelsim_files::sensor::quantity::Quantity;
 
 /// Distance between the pad and an object that does not touch it, mm.
@@ -20,6 +24,12 @@ pub const NO_CONTACT_GAP_MM: f64 = 0.1;
 
 /// Most places that are drawn for an object before it is left out.
 pub const MAX_PLACES: u32 = 100;
+
+/// Most points of a surface that are tried.
+const MAX_POINTS: u32 = 1000;
+
+/// Distance over which a pad reaches beyond the lowest point of an object whose depth is not known yet, mm.
+const LEAST_REACH_MM: f64 = 0.05;
 
 /// The least distance between objects, mm: more than rounding moves them.
 const MIN_GAP_MM: f64 = 1e-3;
@@ -43,8 +53,10 @@ pub struct OtherObject {
 
 /// An object as it is drawn, without its place.
 pub struct TurnedObject {
-    /// Its side that faces the pad.
-    pub side: Side,
+    /// The rotation that turns what is pressed of it towards the pad.
+    pub facing: DMat3,
+    /// The point that is placed, mm from the object's centre, if it is one of the surface.
+    point_mm: Option<DVec3>,
     /// Factor on its size.
     pub scale: f64,
     /// The scaled object.
@@ -60,7 +72,6 @@ impl TurnedObject {
     pub fn draw(plan: &Plan, number: usize, touches: bool, stream: impl Fn(&str) -> RandomStream) -> Self {
         let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
         let pose = &plan.job().pose;
-        let side = pose.face.pick_side(plan.sampling.objects[number].richest_side, &mut stream("face"));
         let angles = Angles {
             yaw_deg: draw("yaw", &pose.yaw_deg),
             tilt_deg: draw("tilt", &pose.tilt_deg),
@@ -71,21 +82,49 @@ impl TurnedObject {
         let scale = draw("object scale", &plan.sampling.objects[number].scale);
         let original = plan.sampling.objects[number].geometry.clusters();
         let clusters = if scale == 1.0 { original } else { Arc::new(original.scaled(scale)) };
+        let side = || pose.face.pick_side(plan.sampling.objects[number].richest_side, &mut stream("face")).rotation();
+        let point = match pose.at {
+            PressedPart::Side => None,
+            PressedPart::Surface => draw_reachable_point(&clusters, depth_mm, &mut stream("surface")),
+        };
+        let facing = point.map_or_else(side, |point| point.facing());
         let turned = match (&pose.roll_deg, &pose.pitch_deg) {
-            (None, None) => Pose::turned(side, angles),
+            (None, None) => Pose::turned_from(facing, angles),
             (roll, pitch) => {
                 let [roll_deg, pitch_deg] = [("roll", roll), ("pitch", pitch)]
                     .map(|(name, angle)| angle.as_ref().map_or(0.0, |angle| draw(name, angle)));
-                Pose::rolled(side, angles.yaw_deg, roll_deg, pitch_deg)
+                Pose::rolled(facing, angles.yaw_deg, roll_deg, pitch_deg)
             }
         };
-        Self { side, scale, clusters, depth_mm, turned, lowest_mm }
+        Self { facing, point_mm: point.map(|point| point.point_mm), scale, clusters, depth_mm, turned, lowest_mm }
     }
 
     /// Returns the pose of the object with its anchor at a place.
     pub fn pose_at(&self, position_mm: [f64; 2], anchor: Anchor) -> Pose {
-        self.turned.moved(position_mm, anchor, self.lowest_mm, &self.clusters)
+        match self.point_mm {
+            Some(point_mm) => self.turned.moved_to_point(point_mm, position_mm, self.lowest_mm, &self.clusters),
+            None => self.turned.moved(position_mm, anchor, self.lowest_mm, &self.clusters),
+        }
     }
+}
+
+/// Draws a point of an object's surface that a flat pad touches if the object is pressed in along the point's normal by
+/// `depth_mm`, each as likely as any other. If there is hardly any, it is the one of those tried that is nearest to it.
+fn draw_reachable_point(object: &Clusters, depth_mm: f64, stream: &mut RandomStream) -> Option<SurfacePoint> {
+    let surface = Surface::of(object);
+    let mut nearest: Option<(f64, SurfacePoint)> = None;
+    for _ in 0..MAX_POINTS {
+        let point = surface.draw(stream)?;
+        // How far the lowest point of the turned object is below this one.
+        let gap_mm = object.extreme(point.normal.to_array()) - point.point_mm.dot(point.normal);
+        if gap_mm < depth_mm.max(LEAST_REACH_MM) {
+            return Some(point);
+        }
+        if nearest.is_none_or(|(least, _)| gap_mm < least) {
+            nearest = Some((gap_mm, point));
+        }
+    }
+    nearest.map(|(_, point)| point)
 }
 
 /// Draws and places the objects that are pressed in beside the first one of a press. Also returns how many objects

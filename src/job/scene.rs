@@ -4,6 +4,8 @@
 
 use std::sync::Arc;
 
+use glam::DMat3;
+
 use crate::config::object::DEFAULT_POISSON_RATIO;
 use crate::config::scene::At;
 use crate::force::{MAX_DEPTH_RATIO, press_for_force};
@@ -24,7 +26,7 @@ use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
 use gelsim_core::gelpad::object_material::ObjectMaterial;
 use gelsim_core::gelpad::tangential::Shear;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::{PadPlane, Pose, Side};
+use gelsim_core::pose::{PadPlane, Pose};
 use gelsim_core::simulator::{Press, Simulator};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::sensor::quantity::Quantity;
@@ -87,8 +89,8 @@ pub struct Scene {
     pub split: Split,
     /// What is pressed into the pad.
     pub pressed: PressSource,
-    /// Side of the object that faces the pad, from which the pose begins.
-    pub side: Side,
+    /// The rotation that turns what is pressed of the object towards the pad, from which the pose begins.
+    pub facing: DMat3,
     /// Pose of the object in the sensor's frame.
     pub pose: Pose,
     /// Depth of its lowest point below the undeformed pad, mm; 0 without contact.
@@ -171,7 +173,7 @@ impl Scene {
             position_mm = std::array::from_fn(|k| position_mm[k] + place_mm[k]);
         }
         let pose = turned.pose_at(position_mm, plan.job.pose.anchor);
-        let TurnedObject { side, scale, clusters: scaled, depth_mm, .. } = turned;
+        let TurnedObject { facing, scale, clusters: scaled, depth_mm, .. } = turned;
         let clusters = &*scaled;
         let on_axis = match indentation.at {
             At::Axis if touches => pose.with_axis_at(-depth_mm, clusters),
@@ -200,7 +202,7 @@ impl Scene {
         scene.motion.about_mm = position_mm;
         scene.beside_axis = beside_axis;
         scene.scale = scale;
-        scene.side = side;
+        scene.facing = facing;
         scene.clusters = Some(scaled);
         (scene.plane, scene.over_plane) = (plane, over_plane);
         (scene.other_objects, scene.unplaced) = (others, unplaced);
@@ -337,7 +339,7 @@ impl Scene {
             attempt,
             split,
             pressed,
-            side: Side::MinusZ,
+            facing: DMat3::IDENTITY,
             pose,
             indentation_depth_mm,
             wanted_force_n: 0.0,

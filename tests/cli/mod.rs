@@ -42,6 +42,7 @@ mod schema;
 mod sensor_sets;
 mod sequences;
 mod several;
+mod surface_points;
 mod terminal;
 mod tradeoff;
 mod verify;

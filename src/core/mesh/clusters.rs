@@ -77,6 +77,22 @@ impl Clusters {
         self.clusters.is_empty()
     }
 
+    /// Returns the corners of triangle `number`, mm relative to the object's centre. Triangles are numbered in the order
+    /// of [`Self::triangles`].
+    pub(crate) fn triangle(&self, number: usize) -> [DVec3; 3] {
+        let cluster = self.clusters.partition_point(|cluster| cluster.first_triangle as usize <= number) - 1;
+        let first = self.clusters[cluster].first_vertex as usize;
+        self.corners[number].map(|corner| {
+            let at = first + usize::from(corner);
+            DVec3::new(self.x[at].into(), self.y[at].into(), self.z[at].into())
+        })
+    }
+
+    /// Returns the corners of all triangles, in an order that depends on the mesh alone.
+    pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
+        (0..self.corners.len()).map(|number| self.triangle(number))
+    }
+
     /// Returns the memory that the object takes, bytes.
     pub fn memory_bytes(&self) -> usize {
         let axes = [&self.x, &self.y, &self.z].map(|values| size_of_val(values.as_slice()));

@@ -4,6 +4,7 @@
 pub mod cleaning;
 pub mod clusters;
 pub mod nearest;
+pub mod surface;
 
 pub use cleaning::{CleanupReport, Mesh};
 

@@ -85,6 +85,9 @@ impl<'de> Deserialize<'de> for Count {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Pose {
+    /// What of the object faces the pad: a side, or any point of its surface that the pad can reach, along its normal.
+    #[serde(skip_serializing_if = "PressedPart::is_side")]
+    pub at: PressedPart,
     /// Side of the object that faces the pad, in the object's own axes.
     pub face: Face,
     /// Turn about z, degrees, from x towards y.
@@ -142,6 +145,7 @@ impl PlaceGrid {
 impl Default for Pose {
     fn default() -> Self {
         Self {
+            at: PressedPart::default(),
             face: Face::default(),
             yaw_deg: Quantity::default(),
             tilt_deg: Quantity::default(),
@@ -155,6 +159,25 @@ impl Default for Pose {
             grid: None,
             anchor: Anchor::default(),
         }
+    }
+}
+
+/// What of an object faces the pad.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PressedPart {
+    /// The side that `face` names.
+    #[default]
+    Side,
+    /// A point of the surface, each that can be reached as likely as any other. Its normal points into the pad, and it is
+    /// placed at x_mm and y_mm.
+    Surface,
+}
+
+impl PressedPart {
+    /// Returns true for the default.
+    pub fn is_side(&self) -> bool {
+        *self == Self::Side
     }
 }
 

@@ -122,7 +122,7 @@ pub fn render<E>(
     let noise_keys = pair.scenes.each_ref().map(|scene| scene.camera.noise_key);
     let view = pair.simulators[0].view();
     let longest_mm = (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max);
-    let mover = ObjectMover::new(&object, pair.scenes[0].side, start, about_mm, 0.0, longest_mm, false);
+    let mover = ObjectMover::new(&object, pair.scenes[0].facing, start, about_mm, 0.0, longest_mm, false);
     let uneven = pair.simulators.iter().any(|simulator| simulator.drop_mm().is_some());
     let placements = pair.scenes.each_ref().map(|scene| TexturePlacement::at_pose(&scene.over_plane));
     let mut state =

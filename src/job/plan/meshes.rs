@@ -109,7 +109,7 @@ impl<'a> Reading<'a> {
             length_mm: object.length_mm.clone(),
             ..Object::default()
         };
-        let is_richest_pressed = job.pose.face == Face::Auto;
+        let is_richest_pressed = job.pose.face == Face::Auto && job.pose.at.is_side();
         Self { object: of_file, pad, is_richest_pressed, level_side: find_level_side(job) }
     }
 

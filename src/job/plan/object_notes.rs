@@ -172,7 +172,7 @@ fn note_visible_facets(shown: &str, job: &Job, scale: &Quantity, facets: &Facets
 pub fn find_level_side(job: &Job) -> Option<Side> {
     let pose = &job.pose;
     let level = pose.tilt_deg.support() == (0.0, 0.0) && pose.roll_deg.is_none() && pose.pitch_deg.is_none();
-    pose.face.side().filter(|_| level && job.sequence.is_none() && job.sensor.shape.is_none())
+    pose.face.side().filter(|_| level && pose.at.is_side() && job.sequence.is_none() && job.sensor.shape.is_none())
 }
 
 /// Notes a side that is always pressed level and is flat, while another one is not.

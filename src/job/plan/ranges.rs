@@ -7,7 +7,7 @@ use super::sensors::number_support;
 use crate::config::Job;
 use crate::config::document::Document;
 use crate::config::fidelity::FidelityChoice;
-use crate::config::scene::At;
+use crate::config::scene::{At, Face};
 use crate::config::texture::TextureDistribution;
 use crate::layers::OutputLayer;
 use gelsim_core::camera::lens;
@@ -18,6 +18,7 @@ use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::optics::background::Pattern;
 use gelsim_core::optics::calibrated::Calibrated;
 use gelsim_core::optics::{lamps, light_pattern, residual};
+use gelsim_core::pose::Anchor;
 use gelsim_core::{gelpad, optics};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::number_format::{format_number, round_bound};
@@ -352,6 +353,12 @@ pub fn check_pose(check: &mut JobChecker<'_>, job: &Job, sensor_known: bool) {
                 "write roll_deg and pitch_deg, or tilt_deg and tilt_azimuth_deg",
             );
         }
+    }
+    let is_of_side = [("face", pose.face != Face::default()), ("anchor", pose.anchor != Anchor::default())];
+    for (key, _) in is_of_side.into_iter().filter(|(_, given)| *given && !pose.at.is_side()) {
+        let message = format!("`{key}` is for a side that faces the pad, and `at` takes any point of the surface");
+        let help = "leave it out: the point faces the pad along its normal, and is placed at x_mm and y_mm";
+        check.report_error(&format!("pose.{key}"), message, help);
     }
     check.require_quantity_in_range("pose.x_mm", &pose.x_mm, -1e4..=1e4, "mm");
     check.require_quantity_in_range("pose.y_mm", &pose.y_mm, -1e4..=1e4, "mm");

@@ -178,7 +178,7 @@ pub fn render<E>(
     let about_mm = drawn.scene.motion.about_mm;
     let object = Arc::clone(&drawn.object);
     let relaxes = !simulator.sensor().relaxation.is_empty();
-    let mover = ObjectMover::new(&object, drawn.scene.side, start, about_mm, 0.0, longest_mm, relaxes);
+    let mover = ObjectMover::new(&object, drawn.scene.facing, start, about_mm, 0.0, longest_mm, relaxes);
 
     let rate = drawn.frame_rate_hz;
     let phases = std::mem::take(&mut drawn.phases);

@@ -8,7 +8,7 @@ use gelsim_core::base::angle::sin_cos_deg;
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::ObjectStep;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::{Pose, Side, rotation_about};
+use gelsim_core::pose::{Pose, rotation_about};
 
 /// The greatest turn in a step, degrees. The friction model takes the chord of the turn for the path.
 const MAX_TURN_DEG: f64 = 5.0;
@@ -71,7 +71,8 @@ pub enum PhaseGoal {
 #[derive(Clone, Debug)]
 pub struct ObjectMover<'a> {
     object: &'a Clusters,
-    side: Side,
+    /// The rotation from which the angles of the pose begin.
+    facing: DMat3,
     /// Pose of the object.
     pub pose: Pose,
     /// Depth of its lowest point, mm.
@@ -91,7 +92,7 @@ impl<'a> ObjectMover<'a> {
     /// longer side of the view.
     pub fn new(
         object: &'a Clusters,
-        side: Side,
+        facing: DMat3,
         pose: Pose,
         about_mm: [f64; 2],
         depth_mm: f64,
@@ -106,7 +107,7 @@ impl<'a> ObjectMover<'a> {
         });
         let radius_mm = reach.into_iter().fold(1e-6, f64::max);
         let most_tilt_deg = (longest_mm / ROLLING_PX / radius_mm).to_degrees().clamp(0.05, MAX_TURN_DEG);
-        Self { object, side, pose, depth_mm, pivot, most_tilt_deg, relaxes, longest_mm }
+        Self { object, facing, pose, depth_mm, pivot, most_tilt_deg, relaxes, longest_mm }
     }
 
     /// Returns the position of the point about which the object is twisted, mm.
@@ -171,7 +172,7 @@ impl<'a> ObjectMover<'a> {
         self.pose = self.pose.lowered(-depth_mm, self.object);
         self.depth_mm = depth_mm;
         if tilt_deg != 0.0 || twist_deg != 0.0 {
-            let turned = Pose { rotation: self.pose.rotation * self.side.rotation().transpose(), ..self.pose };
+            let turned = Pose { rotation: self.pose.rotation * self.facing.transpose(), ..self.pose };
             self.pose.angles = Pose::from_quaternion(turned.quaternion_xyzw(), [0.0; 3]).angles;
         }
         let motion = PlanarMotion { shift_mm, turn_rad: twist_deg.to_radians(), about_mm };
