@@ -124,11 +124,23 @@ impl Generate {
                     }
                     Format::Text => {}
                 }
-                Ok(())
+                match done.samples > 0 && done.unhealthy == done.samples {
+                    true => Err(explain_hopeless_result(&done)),
+                    false => Ok(()),
+                }
             }
             Err(stopped) => Err(explain_failure(stopped, plan.seed(), signal)),
         }
     }
+}
+
+/// Returns the failure of a run of which no sample is healthy. What it wrote stays.
+fn explain_hopeless_result(done: &RunSummary) -> Failure {
+    let message = match done.samples {
+        1 => String::from("the sample is not healthy"),
+        samples => format!("none of the {} samples is healthy", HumanCount(samples)),
+    };
+    Failure::runtime_with_help(message, "health.reason in their labels says why; gelsim plan shows what the job does")
 }
 
 /// Formats what a run made, and how many samples of it need a look.

@@ -323,3 +323,42 @@ fn mistakes_in_the_calibration_presses_are_told_with_their_file() {
     let said = folder.fail("generate job.toml --out set", 2);
     assert!(said.contains("cannot read the job of the calibration presses") && said.contains("presses.toml"), "{said}");
 }
+
+#[test]
+fn a_side_that_pads_do_not_agree_on_is_refused() {
+    // A block with fine ridges on one side, within every pad, and tall steps on the other, of which a thin pad sees little.
+    let ridge = |x: f64, low: f64, high: f64, wide: f64, first: usize| {
+        let corner = |k: usize| {
+            [
+                x + if k & 1 == 1 { wide } else { -wide },
+                if k & 2 == 2 { 5.0 } else { -5.0 },
+                if k & 4 == 4 { high } else { low },
+            ]
+        };
+        let vertices: String = (0..8).map(corner).map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect();
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        let faces: String =
+            quads.map(|quad| format!("f {}\n", quad.map(|k| (first + k + 1).to_string()).join(" "))).concat();
+        vertices + &faces
+    };
+    let mut text = ridge(0.0, -2.0, 2.0, 6.0, 0);
+    for k in 0..5 {
+        text += &ridge(-4.0 + 2.0 * f64::from(k), 2.0, 2.35, 0.5, 8 * (k as usize + 1));
+    }
+    for (k, low) in [(5, -2.5), (6, -3.0), (7, -3.5), (8, -4.0), (9, -4.5)] {
+        text += &ridge(-4.0 + 2.0 * f64::from(k - 5), low, -2.0, 0.9, 8 * (k as usize + 1));
+    }
+    let folder = Folder::with_job(&edited(
+        &job(),
+        &[
+            ("path = \"cube.obj\"", "path = \"stepped.obj\""),
+            ("[pose]", "[pose]\nface = \"auto\""),
+            ("depth_mm = { log_uniform = [0.3, 1.2] }", "depth_mm = 0.1"),
+            ("from = [\"gelsight-mini\", \"gelsight-2017\"]", "from = [\"gelsight-mini\", \"thin.toml\"]"),
+        ],
+    ));
+    folder.write("stepped.obj", &text);
+    folder.write("thin.toml", "preset = \"gelsight-mini\"\nname = \"thin\"\ngelpad_thickness_mm = 0.5\n");
+    let said = folder.fail("generate job.toml --out set", 2);
+    assert!(said.contains("presses another side of stepped.obj into thin than into gelsight-mini"), "{said}");
+}

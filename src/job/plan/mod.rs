@@ -161,12 +161,18 @@ impl Plan {
     fn resolve_set(scope: Scope, mut written: ParsedJob, problems: &mut Diagnostics) -> Option<Self> {
         let further = std::mem::take(&mut written.further_sensors);
         let calibration = written.calibration.take();
+        let of_face = written.document.place_of("pose.face");
         let first = Self::resolve_one(scope, written, problems);
         // All are resolved, so that all mistakes are found.
         let further: Vec<Option<Self>> =
             further.into_iter().map(|written| Self::resolve_one(scope, written, problems)).collect();
         let calibration = calibration.map(|presses| Self::resolve_set(scope, *presses, problems));
-        let plan = first?.with_further_sensors(further.into_iter().collect::<Option<_>>()?);
+        let (first, further) = (first?, further.into_iter().collect::<Option<Vec<Self>>>()?);
+        if let Some(problem) = first.find_other_side(&further) {
+            problems.push(problem.at(of_face));
+            return None;
+        }
+        let plan = first.with_further_sensors(further);
         match calibration {
             Some(presses) => Some(plan.with_calibration(presses?)),
             None => Some(plan),

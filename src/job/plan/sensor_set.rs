@@ -70,6 +70,21 @@ pub(super) fn check_sensors(check: &mut JobChecker<'_>, job: &mut Job) {
 }
 
 impl Plan {
+    /// Returns the problem of an object of which the richest side, which the job presses, is another one with the pad of
+    /// a further sensor: the press would not be the same.
+    pub(super) fn find_other_side(&self, further: &[Self]) -> Option<Diagnostic> {
+        let others = further
+            .iter()
+            .flat_map(|other| self.sampling.objects.iter().zip(&other.sampling.objects).map(move |pair| (other, pair)));
+        let (other, (object, _)) =
+            others.into_iter().find(|(_, (own, of_other))| own.richest_side != of_other.richest_side)?;
+        let message = format!(
+            "face = \"auto\" presses another side of {} into {} than into {}, as their pads are not equally thick",
+            object.path, other.job.sensor.name, self.job.sensor.name
+        );
+        Some(Diagnostic::new(message).help("write a side, such as face = \"-z\", or face = \"any\""))
+    }
+
     /// Returns the plan of a job whose further sensors have these plans. What all have in common is kept once.
     pub(super) fn with_further_sensors(mut self, further: Vec<Self>) -> Self {
         for mut further in further {
