@@ -162,6 +162,7 @@ def datasets(folder: Path) -> None:
     gelsim.generate(path, folder / "set", set={"sensors": {"from": ["digit", "tactip"]}, "output.layers": ["depth"]}, threads=1)
     both: gelsim.Dataset[gelsim.Sample] = gelsim.load(folder / "set", "test")
     assert isinstance(both, gelsim.SensorSet) and list(both.sensors) == ["digit", "tactip"] and both.set["paired"]
+    assert both.calibration is None
     pairs: gelsim.Pairs[gelsim.Sample] = both.pairs()
     assert len(both) == 4 and len(pairs) == 2 and [each.name for each in pairs.sensors] == ["surface-digit", "surface-tactip"]
     assert [each["label"]["sensor"]["name"] for each in pairs[0]] == ["digit", "tactip"]
