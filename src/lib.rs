@@ -108,7 +108,7 @@ pub use gelsim_core::{
     base::site::Site,
     base::view::View,
     camera::CameraParams,
-    camera::markers::{MarkerPattern, MarkerPrint},
+    camera::markers::{MarkerLayout, MarkerPattern, MarkerPrint, MeasuredDot},
     camera::pins::{Along as PinDirection, MountRing, Pins},
     camera::projection::{Fisheye, LensModel, Pinhole, Projection},
     depth::rest_surface::{Grain, RestSurface},

@@ -94,11 +94,11 @@ impl Background {
 }
 
 /// Dots printed on the pad.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Markers {
-    /// Their ink and edge.
+    /// Their ink, edge and arrangement.
     pub print: MarkerPrint,
-    /// The grid on which they are printed; `None` if each press has its own.
+    /// Their distance, size and jitter; `None` if each press has its own.
     pub pattern: Option<MarkerPattern>,
 }
 

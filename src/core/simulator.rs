@@ -86,7 +86,7 @@ pub struct Press {
     pub material: ObjectMaterial,
     /// How the indenter, once pressed in, moves in the pad's plane; `None` if it does not.
     pub shear: Option<Shear>,
-    /// The grid on which markers are printed, on a sensor that has markers; `None` prints none.
+    /// Distance, size and jitter of the markers, on a sensor that has some; `None` prints none.
     pub markers: Option<MarkerPattern>,
     /// The camera's parameters.
     pub camera: CameraParams,
@@ -409,7 +409,7 @@ impl Simulator {
         seconds.optics = clock.lap();
 
         // The camera's image, 8-bit RGB.
-        let markers = self.markers.zip(*markers).map(|(markers, pattern)| {
+        let markers = self.markers.as_ref().zip(*markers).map(|(markers, pattern)| {
             let moved_by = contact.tangential.as_ref().map(|tangential| &tangential.field);
             effects.run_timed(Effect::Markers, || markers.print.carried_positions(&pattern, moved_by, &self.view))
         });
@@ -595,7 +595,7 @@ impl Press {
 
     /// Makes a press without texture and motion, with the sensor's own markers and camera.
     pub fn new(indenter: Indenter, sensor: &Sensor) -> Self {
-        let markers = sensor.markers.and_then(|markers| markers.pattern);
+        let markers = sensor.markers.as_ref().and_then(|markers| markers.pattern);
         Self {
             indenter,
             texture: None,

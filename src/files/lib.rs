@@ -36,6 +36,8 @@ pub mod npz;
 #[cfg(feature = "formats")]
 pub mod number_format;
 #[cfg(feature = "formats")]
+pub mod place_table;
+#[cfg(feature = "formats")]
 pub mod size_limits;
 #[cfg(feature = "formats")]
 pub mod source;

@@ -29,6 +29,7 @@ mod inside;
 mod inspect;
 mod log;
 mod many_meshes;
+mod markers;
 mod messages;
 mod objects;
 mod preview;

@@ -139,7 +139,7 @@ fn constant(job: &Job) -> bool {
         &camera.red_gain,
         &camera.blue_gain,
     ];
-    let printed = job.markers.iter().flat_map(|markers| [&markers.pitch_mm, &markers.diameter_mm, &markers.jitter_mm]);
+    let printed = job.markers.iter().flat_map(|markers| markers.quantities());
     let noiseless = [&camera.shot_noise_levels, &camera.read_noise_levels, &camera.speckle_levels]
         .iter()
         .all(|law| law.support() == (0.0, 0.0));

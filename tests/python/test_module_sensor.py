@@ -166,6 +166,17 @@ def test_a_batch_has_markers_for_each_map(maps):
     assert [len(dots["moved_px"]) for dots in dotted["markers"]] == counts
 
 
+def test_dots_stand_where_a_file_or_a_grid_says(ball, tmp_path):
+    path = tmp_path / "dots.csv"
+    path.write_text("x_mm,y_mm\n-1,0.5\n3,-2\n")
+    grid = {"rows": 2, "columns": 2, "missing": [[0, 0], [1, 1]], "offset_mm": [1.0, -0.75]}
+    for keys in [{"file": str(path)}, {**grid, "pitch_mm": 4.0, "pitch_y_mm": 2.5, "jitter_mm": 0.0}]:
+        sensor = gelsim.Sensor.preset("digit", set={f"markers.{key}": value for key, value in keys.items()})
+        rest_px = sensor.render(ball, layers=["markers"])["markers"]["rest_px"]
+        places_mm = (rest_px / ball.shape[::-1] - 0.5) * sensor.field_of_view_mm
+        assert np.allclose(sorted(places_mm.tolist()), [[-1, 0.5], [3, -2]])
+
+
 def test_a_map_with_an_axis_for_its_one_channel_is_taken(digit, ball, alone):
     """As `gelsim render` takes a picture."""
     same(digit.render(ball[..., None]), alone)

@@ -171,36 +171,49 @@ fn ramp_overhang(radius: f32, ramp: f32) -> f32 {
 /// Largest number of dots of a printed pattern on each side of the middle, along each axis.
 const MAX_DOTS_PER_SIDE: f64 = 1000.0;
 
-/// Places the dots of a printed square pattern at rest: mm from the middle of the image, x right, y down.
+/// Places the dots of a printed pattern without end at rest: mm from the middle of the image, x right, y down.
 ///
-/// One dot is in the middle; the others, `pitch_mm` apart, cover `field_of_view_mm` and `margin_mm` around it. Each is
-/// moved by up to `jitter_mm` along x and along y, at random by `key` and by the dot's column and row from the middle:
-/// a wider view has the same dots, and more. There are no dots if `pitch_mm` is not above 0 or the view is empty. The
-/// pattern ends with the 1000th dot on a side.
+/// One dot is at `offset_mm`; the others, `pitch_mm` apart along x and along y, cover `field_of_view_mm` and `margin_mm`
+/// around it. Each is moved by up to `jitter_mm` along x and along y, at random by `key` and by the dot's column and row
+/// from the first one: a wider view has the same dots, and more. There are no dots if a pitch is not above 0 or the view
+/// is empty. The pattern ends with the 1000th dot on a side.
 pub fn place_dot_grid(
-    pitch_mm: f64,
+    pitch_mm: [f64; 2],
+    offset_mm: [f64; 2],
     jitter_mm: f64,
     key: u64,
     field_of_view_mm: [f64; 2],
     margin_mm: f64,
 ) -> Vec<[f64; 2]> {
     // A dot that is outside by less than the jitter may be moved in.
-    let count = field_of_view_mm.map(|mm| (mm / 2.0 + margin_mm + jitter_mm.abs()) / pitch_mm);
-    let printable = pitch_mm > 0.0 && pitch_mm.is_finite() && jitter_mm.is_finite();
-    if !printable || !count.iter().all(|count| *count >= 0.0) {
+    let reach_mm = field_of_view_mm.map(|mm| mm / 2.0 + margin_mm + jitter_mm.abs());
+    let printable = pitch_mm.iter().all(|pitch| *pitch > 0.0 && pitch.is_finite())
+        && offset_mm.iter().all(|offset| offset.is_finite())
+        && jitter_mm.is_finite();
+    if !printable || !reach_mm.iter().all(|reach| *reach >= 0.0) {
         return Vec::new();
     }
-    let [columns, rows] = count.map(|count| count.min(MAX_DOTS_PER_SIDE) as i32);
+    let last = |axis: usize, offset_mm: f64| {
+        let count = libm::floor((reach_mm[axis] - offset_mm) / pitch_mm[axis]);
+        count.clamp(-MAX_DOTS_PER_SIDE, MAX_DOTS_PER_SIDE) as i32
+    };
+    let [columns, rows] = [0, 1].map(|axis| -last(axis, -offset_mm[axis])..=last(axis, offset_mm[axis]));
     let mut dots = Vec::new();
-    for row in -rows..=rows {
-        for column in -columns..=columns {
-            let bits = splitmix64(splitmix64(key) ^ ((u64::from(column as u32) << 32) | u64::from(row as u32)));
-            let [right, down] =
-                [bits >> 32, bits & 0xffff_ffff].map(|bits| bits as f64 / f64::from(u32::MAX) * 2.0 - 1.0);
-            dots.push([f64::from(column) * pitch_mm + right * jitter_mm, f64::from(row) * pitch_mm + down * jitter_mm]);
+    for row in rows {
+        for column in columns.clone() {
+            let moved = random_offset(key, column, row);
+            let steps = [column, row].map(f64::from);
+            dots.push(std::array::from_fn(|k| steps[k] * pitch_mm[k] + moved[k] * jitter_mm + offset_mm[k]));
         }
     }
     dots
+}
+
+/// Returns the offset of a dot along x and along y, as a fraction of the largest one, -1 to 1: at random by `key` and by
+/// the dot's column and row.
+pub fn random_offset(key: u64, column: i32, row: i32) -> [f64; 2] {
+    let bits = splitmix64(splitmix64(key) ^ ((u64::from(column as u32) << 32) | u64::from(row as u32)));
+    [bits >> 32, bits & 0xffff_ffff].map(|bits| bits as f64 / f64::from(u32::MAX) * 2.0 - 1.0)
 }
 
 #[cfg(test)]
@@ -335,7 +348,7 @@ mod tests {
 
     #[test]
     fn a_printed_grid_is_symmetric_and_covers_the_view_and_its_margin() {
-        let dots = place_dot_grid(1.5, 0.0, 1, [20.0, 15.0], 2.0);
+        let dots = place_dot_grid([1.5; 2], [0.0; 2], 0.0, 1, [20.0, 15.0], 2.0);
         // 12 / 1.5 and 9.5 / 1.5 on each side.
         assert_eq!(dots.len(), 17 * 13);
         assert!(dots.iter().all(|[x, y]| dots.contains(&[-x, -y]) && dots.contains(&[-x, *y])));
@@ -345,10 +358,10 @@ mod tests {
     #[test]
     fn a_wider_view_keeps_the_dots_and_another_key_moves_them() {
         let jitter = 0.2;
-        let (few, many) =
-            (place_dot_grid(1.0, jitter, 7, [6.0, 4.0], 0.5), place_dot_grid(1.0, jitter, 7, [16.0, 9.0], 1.0));
+        let grid = |key, view_mm, margin_mm| place_dot_grid([1.0; 2], [0.0; 2], jitter, key, view_mm, margin_mm);
+        let (few, many) = (grid(7, [6.0, 4.0], 0.5), grid(7, [16.0, 9.0], 1.0));
         assert!(few.len() < many.len() && few.iter().all(|dot| many.contains(dot)));
-        assert!(place_dot_grid(1.0, jitter, 8, [6.0, 4.0], 0.5).iter().all(|dot| !many.contains(dot)));
+        assert!(grid(8, [6.0, 4.0], 0.5).iter().all(|dot| !many.contains(dot)));
         let moves: Vec<f64> = many.iter().flatten().map(|mm| mm - mm.round()).collect();
         assert!(moves.iter().all(|mm| mm.abs() <= jitter));
         let count = moves.len() as f64;
@@ -360,14 +373,26 @@ mod tests {
 
     #[test]
     fn no_numbers_make_a_grid_without_end() {
+        let grid =
+            |pitch, jitter, view_mm, margin_mm| place_dot_grid([pitch; 2], [0.0; 2], jitter, 0, view_mm, margin_mm);
         for pitch in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(place_dot_grid(pitch, 0.1, 0, [10.0, 10.0], 1.0).is_empty());
+            assert!(grid(pitch, 0.1, [10.0, 10.0], 1.0).is_empty());
         }
-        assert!(
-            place_dot_grid(1.0, f64::NAN, 0, [10.0; 2], 1.0).is_empty()
-                && place_dot_grid(1.0, 0.0, 0, [-5.0, 3.0], 1.0).is_empty()
-        );
-        assert_eq!(place_dot_grid(1e-300, 0.0, 0, [1.0, 0.0], 0.0).len(), 2001);
-        assert!(place_dot_grid(1.0, 1.0, u64::MAX, [0.0; 2], f64::INFINITY).iter().flatten().all(|mm| mm.is_finite()));
+        assert!(grid(1.0, f64::NAN, [10.0; 2], 1.0).is_empty() && grid(1.0, 0.0, [-5.0, 3.0], 1.0).is_empty());
+        assert_eq!(grid(1e-300, 0.0, [1.0, 0.0], 0.0).len(), 2001);
+        assert!(grid(1.0, 1.0, [0.0; 2], f64::INFINITY).iter().flatten().all(|mm| mm.is_finite()));
+        assert!(place_dot_grid([1.0; 2], [f64::NAN, 0.0], 0.0, 0, [10.0; 2], 1.0).is_empty());
+    }
+
+    #[test]
+    fn a_shifted_grid_covers_the_view_with_the_dots_of_one_that_is_wider() {
+        for offset in [[0.3, -0.6], [-7.2, 4.0], [1e9, 0.0]] {
+            let dots = place_dot_grid([1.5, 0.8], offset, 0.0, 1, [6.0, 4.0], 0.5);
+            assert!(dots.iter().all(|[x, y]| (offset[0] > 1e6) == (x.abs() > 3.5) && y.abs() <= 2.5), "{offset:?}");
+            let on_grid = |mm: f64, pitch: f64| (mm / pitch - libm::round(mm / pitch)).abs() < 1e-9;
+            assert!(dots.iter().all(|[x, y]| on_grid(x - offset[0], 1.5) && on_grid(y - offset[1], 0.8)), "{offset:?}");
+            // 7 mm and 5 mm hold four or five columns and six or seven rows.
+            assert!(offset[0] > 1e6 || (24..=35).contains(&dots.len()), "{offset:?} {}", dots.len());
+        }
     }
 }

@@ -100,7 +100,7 @@ impl Simulator {
                 (Arc::new(pad), Arc::default())
             },
         );
-        let markers = sensor.markers.filter(|_| policy != EffectPolicy::Without(Effect::Markers));
+        let markers = sensor.markers.clone().filter(|_| policy != EffectPolicy::Without(Effect::Markers));
         let in_plane = parts.share_or_make(
             |of| (of.gelpad, of.markers.is_some()),
             |donor| donor.in_plane.clone(),
@@ -175,12 +175,12 @@ impl Simulator {
                 |of| {
                     let light =
                         Illumination { darkening: 0.0, thickness_mm: 0.0, coat: Coat::default(), ..of.illumination() };
-                    (rest_surface_key(of), calibration_key(of), light, &of.background, of.markers, of.camera)
+                    (rest_surface_key(of), calibration_key(of), light, &of.background, &of.markers, of.camera)
                 },
                 |donor| Arc::clone(&donor.camera),
                 |_| {
-                    let print = markers
-                        .and_then(|markers| Some(markers.print.carried_positions(&markers.pattern?, None, &view)));
+                    let print =
+                        markers.as_ref().and_then(|markers| Some(markers.print.at_rest(&markers.pattern?, &view)));
                     let (photograph, resting) = (sensor.has_photograph(), sensor.camera.with_policy(policy));
                     Arc::new(Camera::new(&in_image, untouched(), photograph, resting, print))
                 },

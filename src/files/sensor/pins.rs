@@ -148,60 +148,10 @@ impl PinDistribution {
 /// Reads the positions in a table of pins, mm. The errors name the line and the column.
 #[cfg(feature = "formats")]
 pub fn parse_pin_table(path: &str, bytes: &[u8]) -> Result<Vec<[f64; 2]>, Vec<String>> {
-    use crate::csv_table;
+    use crate::place_table::{PlaceKind, parse_places};
 
-    /// The greatest coordinate of a pin, mm.
-    const MAX_POSITION_MM: f64 = 1e4;
-    /// Most pins in a table.
-    const MAX_PINS: usize = 10_000;
-    let source = match csv_table::decode_source(std::path::Path::new(path), bytes) {
-        Ok(source) => source,
-        Err(_) => return Err(vec![format!("{path}: the table of pins is not UTF-8; save it as CSV in UTF-8")]),
-    };
-    let (mut mistakes, mut odd) = (Vec::new(), 0_usize);
-    let mut wrong = |start: usize, line: u64, cell: usize, what: String| {
-        let place = csv_table::cell_place(&source.text, start, cell);
-        let column = source.text[start.min(place.start)..place.start].chars().count() + 1;
-        mistakes.push(format!("{path}:{line}:{column}: {what}"));
-    };
-    let mut rows = csv_table::iter_rows(&source.text);
-    let Some(header) = rows.next() else { return Err(vec![format!("{path}: the table of pins is empty")]) };
-    let named = |name: &str| (0..header.cells.len()).find(|cell| header.cell(*cell) == name);
-    let (Some(x), Some(y)) = (named("x_mm"), named("y_mm")) else {
-        let semicolons = header.cells.len() == 1 && header.cell(0).contains(';');
-        let why = if semicolons { ": its cells are separated by `;`, save it with commas" } else { "" };
-        wrong(header.start, header.line, 0, format!("the first line names no columns x_mm and y_mm{why}"));
-        return Err(mistakes);
-    };
-    let mut found = Vec::new();
-    for row in rows {
-        if found.len() == MAX_PINS {
-            wrong(row.start, row.line, 0, format!("more than {MAX_PINS} pins: leave out this row and those below it"));
-            break;
-        }
-        let mut place = [0.0; 2];
-        for (k, cell) in [x, y].into_iter().enumerate() {
-            match row.cell(cell).parse::<f64>() {
-                Ok(mm) if mm.abs() <= MAX_POSITION_MM => place[k] = mm,
-                // Only the first wrong cell is described; the others are counted.
-                _ if odd > 0 => odd += 1,
-                _ => {
-                    odd = 1;
-                    wrong(row.start, row.line, cell, format!("`{}` is no place of a pin in mm", row.cell(cell)));
-                }
-            }
-        }
-        found.push(place);
-    }
-    if let Some(first) = mistakes.first_mut().filter(|_| odd > 1) {
-        let more = odd - 1;
-        *first += &format!(", nor {} {more} more", if more == 1 { "is" } else { "are" });
-    }
-    match (mistakes.is_empty(), found.is_empty()) {
-        (true, false) => Ok(found),
-        (true, true) => Err(vec![format!("{path}: the table has no pins")]),
-        (false, _) => Err(mistakes),
-    }
+    let kind = PlaceKind { name: "pin", max_diameter_mm: None, is_distinct: false };
+    Ok(parse_places(path, bytes, kind)?.into_iter().map(|pin| pin.at_mm).collect())
 }
 
 #[cfg(test)]

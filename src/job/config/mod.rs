@@ -147,7 +147,8 @@ impl Job {
             object.path.iter_mut().chain(&mut object.packages).chain(textures)
         });
         let textures = self.texture.paths_mut();
-        let left = sensor_paths_mut(&mut self.sensor).chain(&mut self.random.backgrounds);
+        let markers = self.markers.iter_mut().filter_map(|markers| markers.file.as_mut());
+        let left = sensor_paths_mut(&mut self.sensor).chain(markers).chain(&mut self.random.backgrounds);
         let right = self.gripper.iter_mut().flat_map(|gripper| {
             gripper
                 .right
@@ -185,7 +186,8 @@ pub fn sensor_paths_mut(sensor: &mut Sensor) -> impl Iterator<Item = &mut String
         sensor::pins::PinLayout::File(path) => Some(path),
         _ => None,
     });
-    shape.into_iter().chain(gel).chain(pins).chain(&mut sensor.background).chain(&mut sensor.calibration)
+    let markers = sensor.markers.as_mut().and_then(|markers| markers.file.as_mut());
+    shape.into_iter().chain(gel).chain(pins).chain(markers).chain(&mut sensor.background).chain(&mut sensor.calibration)
 }
 
 /// Changes of the command line to a job.

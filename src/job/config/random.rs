@@ -132,6 +132,7 @@ impl SensorPresets {
     /// Replaces the first preset's sensor in the job by what is written, with the files and hashes that were found.
     pub fn restore_into(&self, job: &mut Json) {
         let found = job["sensor"].take();
+        let markers = job["markers"].clone();
         for name in TABLES {
             match self.written.get(name) {
                 Some(table) => job[name] = table.clone(),
@@ -150,6 +151,14 @@ impl SensorPresets {
         if job["sensor"].pointer("/pins/layout/file").is_some() {
             for key in ["layout", "layout_sha256"] {
                 job["sensor"]["pins"][key] = found["pins"][key].clone();
+            }
+        }
+        for table in ["/markers", "/sensor/markers"] {
+            if let Some(table) = job.pointer_mut(table).filter(|table| table.get("file").is_some()) {
+                for key in ["file", "file_sha256"] {
+                    table[key] = markers[key].clone();
+                }
+                table.sort_all_objects();
             }
         }
     }

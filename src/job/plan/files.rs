@@ -53,13 +53,13 @@ pub fn read_input_file<T>(
     if sha256.as_ref().is_some_and(|expected| *expected != hash) {
         let message = format!("the {} {} has changed: its SHA-256 is {hash}", kind.name, found.display());
         let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
-        let own = match name {
-            "path" => String::from("sha256"),
+        let own = match (table.strip_suffix(".layout"), name) {
+            (_, "path") => format!("{table}.sha256"),
             // For the key `layout.file`, the hash stands beside `layout`.
-            "file" => String::from("layout_sha256"),
-            name => format!("{name}_sha256"),
+            (Some(table), _) => format!("{table}.layout_sha256"),
+            (None, name) => format!("{table}.{name}_sha256"),
         };
-        check.report_error(&format!("{table}.{own}"), message, "restore the file, or remove this key");
+        check.report_error(&own, message, "restore the file, or remove this key");
     }
     *path = found.to_string_lossy().into_owned();
     *sha256 = Some(hash);

@@ -1,11 +1,13 @@
-//! Reads the files of a gel that is not flat: the mesh of its shape, and the table of its pins.
+//! Reads the files of a sensor's gel: the mesh of its shape, the table of its pins, and that of the dots printed on it.
 
 use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::check::JobChecker;
+use super::markers::read_marker_file;
 use super::{files, paths};
+use crate::config::Job;
 use crate::config::object::Unit;
 use gelsim_core::base::gel_surface::{GelSurface, GelSurfaceError};
 use gelsim_files::diagnostic::Diagnostic;
@@ -20,8 +22,12 @@ const WIDTHS_MM: [f64; 2] = [1.0, 1e3];
 /// Most triangles of a gel's mesh.
 const MAX_TRIANGLES: usize = 500_000;
 
-/// Reads the files that a sensor's shape and pins name, and remembers their hashes.
-pub fn read_gel_files(check: &mut JobChecker<'_>, sensor: &mut Sensor) {
+/// Reads the files that the shape, pins and markers of a job's sensor name, and remembers their hashes.
+pub fn read_gel_files(check: &mut JobChecker<'_>, job: &mut Job) {
+    if let Some(markers) = &mut job.markers {
+        read_marker_file(check, "markers", markers);
+    }
+    let sensor = &mut job.sensor;
     if let Some(SensorShape::Mesh(mesh)) = &mut sensor.shape {
         mesh.surface = read_gel_surface(check, mesh);
     }

@@ -177,7 +177,7 @@ pub(super) fn resolve_right_finger(
 ) -> Option<OtherSensor> {
     let mut check = JobChecker { document: &document, problems };
     fill_defaults(&mut job);
-    gel::read_gel_files(&mut check, &mut job.sensor);
+    gel::read_gel_files(&mut check, &mut job);
     let models = [left, &job].map(|job| chosen_models(job).optics.name());
     if models[0] != models[1] {
         let message = format!(

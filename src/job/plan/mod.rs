@@ -31,6 +31,7 @@ pub mod frames;
 mod gel;
 mod geometry;
 mod gripper;
+pub mod markers;
 mod materials;
 mod mesh_cache;
 mod meshes;
@@ -202,7 +203,7 @@ impl Plan {
             job.optics.as_ref().is_some_and(|own| document.get(&format!("optics.{}.shadows", own.name())).is_some());
         let sensor_file = job.sensor.file.as_ref().map(|file| document.folder_of("sensor.file").join(file));
         fill_defaults(&mut job);
-        gel::read_gel_files(&mut check, &mut job.sensor);
+        gel::read_gel_files(&mut check, &mut job);
         if scope == Scope::Dataset {
             ranges::check_dataset(&mut check, &job);
         }

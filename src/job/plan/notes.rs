@@ -1,7 +1,7 @@
 //! Notes on a job: what is allowed but probably not meant. Each cause is reported once.
 
 use super::remedies::{min_thickness_mm, suggest_depth};
-use super::{chosen_models, sensors};
+use super::{chosen_models, sensor_view, sensors};
 use crate::config::Job;
 use gelsim_core::gelpad::elastic::MAX_STRAIN;
 use gelsim_files::diagnostic::Diagnostic;
@@ -45,6 +45,7 @@ pub fn collect_job_notes(job: &Job, whose: SensorRole, place: impl Fn(&str) -> O
         ("gripper.squeeze_mm", note_large_squeeze(job)),
         ("indentation.depth_mm", note_shallow_press(job)),
         ("sensor.gelpad_youngs_modulus_kpa", note_unusual_modulus(job, whose)),
+        ("markers", note_unseen_dots(job)),
         ("sequence", note_out_of_view(job)),
         ("sequence", note_off_curve(job)),
     ];
@@ -81,6 +82,22 @@ fn note_stretched_pixels(job: &Job, whose: SensorRole) -> Option<Diagnostic> {
             _ => format!("{view}: write resolution_px = [{}, {}] under [{table}]", kept[0], kept[1]),
         };
         Diagnostic::warning(format!("pixels are {x:.3} x {y:.3} mm: images are out of proportion")).help(help)
+    })
+}
+
+/// Notes printed dots that are all out of view.
+fn note_unseen_dots(job: &Job) -> Option<Diagnostic> {
+    let markers = job.markers.as_ref()?;
+    let pattern = markers.sample_pattern(|_, quantity| quantity.typical_value())?;
+    let view = sensor_view(job);
+    let positions = markers.to_marker_print().at_rest(&pattern, &view);
+    let is_seen = positions.in_view(None, view.resolution_px).next().is_some();
+    (!is_seen).then(|| {
+        let [x, y] = job.sensor.field_of_view_mm.map(|mm| format_number(0.5 * mm));
+        Diagnostic::warning("no printed dot is in the view").help(format!(
+            "places are mm from the middle of the view, which ends at x = {x} and y = {y}: move the dots with offset_mm, \
+             or leave [markers] out"
+        ))
     })
 }
 

@@ -53,6 +53,9 @@ pub const PINS: FileKind = FileKind {
     what: "a CSV file with the columns x_mm and y_mm belongs here",
 };
 
+/// Tables of printed dots.
+pub const DOTS: FileKind = FileKind { name: "table of dots", ..PINS };
+
 /// Calibration tables.
 pub const CALIBRATIONS: FileKind = FileKind {
     name: "calibration",

@@ -62,7 +62,7 @@ pub(super) fn resolve_other_presets(
         }
         let mut check = JobChecker { document: &document, problems: &mut *problems };
         fill_defaults(&mut job);
-        gel::read_gel_files(&mut check, &mut job.sensor);
+        gel::read_gel_files(&mut check, &mut job);
         let (own, expected) = (job.sensor.resolution_px, first.sensor.resolution_px);
         if own != expected {
             let names = [&first.sensor.name, &job.sensor.name];

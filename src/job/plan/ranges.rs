@@ -2,6 +2,7 @@
 
 use super::check::JobChecker;
 use super::chosen_models;
+use super::markers;
 use super::remedies;
 use super::sensors::number_support;
 use crate::config::Job;
@@ -23,7 +24,6 @@ use gelsim_core::{gelpad, optics};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::number_format::{format_number, round_bound};
 use gelsim_files::sensor::RestShape;
-use gelsim_files::sensor::markers::MarkerDistribution;
 use gelsim_files::sensor::unit::UnitVariation;
 
 /// Most LEDs of a sensor.
@@ -615,61 +615,11 @@ fn check_friction(check: &mut JobChecker<'_>, at: &str, friction: Friction) {
     }
 }
 
-/// Limits the number of dots on and around the view, and how many of them may overlap. More of either would take
-/// seconds per sample.
-fn check_dots(check: &mut JobChecker<'_>, at: &str, markers: &MarkerDistribution, field_of_view_mm: [f64; 2]) {
-    const MAX_DOTS: f64 = 200_000.0;
-    const MAX_WIDTH_PER_SPACING: f64 = 20.0;
-    let (pitch, diameter) = (markers.pitch_mm.support().0, markers.diameter_mm.support().1);
-    let around = diameter + markers.jitter_mm.support().1;
-    let dots: f64 = field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product();
-    if diameter > 0.0 && dots > MAX_DOTS {
-        let message = format!("a pitch of {pitch} mm may need {dots:.0} dots on the view and around it");
-        let many = |pitch: f64| field_of_view_mm.iter().map(|mm| (mm + 2.0 * around) / pitch + 1.0).product::<f64>();
-        let widest = (diameter + markers.edge_mm) / MAX_WIDTH_PER_SPACING;
-        let enough = (0..400).map(|k| pitch * libm::pow(1.05, f64::from(k))).find(|pitch| many(*pitch) <= MAX_DOTS);
-        let enough = round_bound(enough.unwrap_or(1e3).max(widest), false);
-        let help = format!("allowed: up to {MAX_DOTS} dots; write pitch_mm = {enough} or more, or smaller dots");
-        check.report_error(&format!("{at}.pitch_mm"), message, help);
-    } else if diameter + markers.edge_mm > MAX_WIDTH_PER_SPACING * pitch {
-        let message = format!("dots of {diameter} mm with edges of {} mm lie over each other", markers.edge_mm);
-        let (key, other) = if markers.edge_mm < MAX_WIDTH_PER_SPACING * pitch {
-            ("diameter_mm", markers.edge_mm)
-        } else {
-            ("edge_mm", diameter)
-        };
-        let most = round_bound((MAX_WIDTH_PER_SPACING * pitch - other).max(0.0), true);
-        let help = format!(
-            "write {key} = {most} or less: up to {MAX_WIDTH_PER_SPACING} times as wide as pitch_mm, with the edge"
-        );
-        check.report_error(&format!("{at}.{key}"), message, help);
-    }
-}
-
-/// Checks the `[markers]` table at `at`. The view is `None` if the sensor's is not valid.
-pub fn check_markers(
-    check: &mut JobChecker<'_>,
-    at: &str,
-    markers: &MarkerDistribution,
-    field_of_view_mm: Option<[f64; 2]>,
-) {
-    check.require_quantity_in_range(&format!("{at}.pitch_mm"), &markers.pitch_mm, 0.05..=1e3, "mm");
-    check.require_quantity_in_range(&format!("{at}.diameter_mm"), &markers.diameter_mm, 0.0..=100.0, "mm");
-    check.require_quantity_in_range(&format!("{at}.jitter_mm"), &markers.jitter_mm, 0.0..=100.0, "mm");
-    check.require_in_range(&format!("{at}.edge_mm"), markers.edge_mm, 0.0..=10.0, "mm");
-    for k in 0..3 {
-        check.require_in_range(&format!("{at}.color.{k}"), markers.color[k], 0.0..=1.0, "");
-    }
-    if let Some(field_of_view_mm) = field_of_view_mm.filter(|_| check.is_valid(at)) {
-        check_dots(check, at, markers, field_of_view_mm);
-    }
-}
-
 /// Checks `[markers]` and `[camera]`.
 pub fn check_camera(check: &mut JobChecker<'_>, job: &Job) {
     if let Some(print) = &job.markers {
         let view = check.is_valid("sensor").then_some(job.sensor.field_of_view_mm);
-        check_markers(check, "markers", print, view);
+        markers::check_markers(check, "markers", print, view);
     }
     let camera = &job.camera;
     check.require_quantity_in_range("camera.distortion_k1", &camera.distortion_k1, -1.0..=1.0, "");

@@ -57,7 +57,7 @@ pub fn read_resolution_px(name: &str) -> Result<[usize; 2], Report> {
 /// Resolves the sensor of a job that was read, and reads its files. Returns `None` after an error.
 pub fn resolve_sensor(check: &mut JobChecker<'_>, job: &mut Job) -> Option<StandaloneSensor> {
     check.refuse_random_sensor(&job.sensor);
-    gel::read_gel_files(check, &mut job.sensor);
+    gel::read_gel_files(check, job);
     ranges::check_sensor(check, job);
     let backgrounds = files::load_backgrounds(check, job);
     let calibration = files::load_calibration(check, job);
@@ -109,7 +109,7 @@ fn resolve_parsed(written: ParsedJob, mut problems: Diagnostics) -> Result<Senso
     let ParsedJob { mut job, document, .. } = written;
     let mut check = JobChecker { document: &document, problems: &mut problems };
     check.refuse_random_sensor(&job.sensor);
-    gel::read_gel_files(&mut check, &mut job.sensor);
+    gel::read_gel_files(&mut check, &mut job);
     ranges::check_sensor(&mut check, &job);
     ranges::check_pad_surface(&mut check, &job);
     ranges::check_camera(&mut check, &job);

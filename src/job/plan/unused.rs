@@ -5,9 +5,11 @@ use crate::config::Job;
 use crate::config::dataset::{ObjectOrder, SplitBy};
 use crate::config::document::{Document, RESOLVED_HEADER};
 use crate::layers::LayerCoding;
+use gelsim_core::camera::markers::MeasuredDot;
 use gelsim_core::optics;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::mesh::Format;
+use gelsim_files::sensor::quantity::Quantity;
 
 /// Makes a note for each key without effect. A job.toml of a dataset is exempt: it has all keys, which says nothing of
 /// what the user wants.
@@ -50,6 +52,17 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
         shows_motion || !job.shear.has_motion(),
         "only markers, pins and the layers `flow` and `traction` show how the pad moves in its own plane",
         "add a [markers] table or the layer flow",
+    );
+    let of_file = job.markers.as_ref().and_then(|markers| Some((markers.dots.as_deref()?, &markers.diameter_mm)));
+    let sizes = |(dots, shared): (&Vec<MeasuredDot>, &Quantity)| {
+        // No dot is printed where the diameter is 0.
+        shared.support().0 == 0.0 || dots.iter().any(|dot| dot.diameter_mm.is_none())
+    };
+    note(
+        "markers.diameter_mm",
+        of_file.is_none_or(sizes),
+        "the file has a diameter for every dot",
+        "leave it out, or the column diameter_mm",
     );
     note(
         "shear.friction",

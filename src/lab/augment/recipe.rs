@@ -21,6 +21,7 @@ use gelsim_job::config::document::{Document, MAX_READ_BYTES};
 use gelsim_job::config::{self, ParsedJob};
 use gelsim_job::plan::Plan;
 use gelsim_job::plan::check::JobChecker;
+use gelsim_job::plan::markers::read_marker_file;
 
 /// Largest seed.
 const MAX_SEED: f64 = 9_007_199_254_740_991.0;
@@ -126,7 +127,7 @@ fn resolve_recipe(
     merged: config::MergedDocument<Augment>,
     mut problems: Diagnostics,
 ) -> Result<Recipe, Report> {
-    let config::MergedDocument { value: written, document, sensor_known, presets, .. } = merged;
+    let config::MergedDocument { value: mut written, document, sensor_known, presets, .. } = merged;
     let mut check = JobChecker { document: &document, problems: &mut problems };
     check.require_in_range("seed", written.seed as f64, 0.0..=MAX_SEED, "");
     check.refuse_random_sensor(&written.sensor);
@@ -153,7 +154,10 @@ fn resolve_recipe(
     let is_rendered = written.input.background.as_deref() == Some(sensor::RENDERED);
     let profile =
         sensor::build_sensor_profile(&mut check, &mut job.clone(), set.as_ref(), background.clone(), is_rendered);
-    for (k, recipe) in written.photometric.iter().enumerate() {
+    for (k, recipe) in written.photometric.iter_mut().enumerate() {
+        if let Some(markers) = &mut recipe.markers {
+            read_marker_file(&mut check, &format!("photometric.{k}.markers"), markers);
+        }
         recipe.check(&mut check, &format!("photometric.{k}"), profile.as_ref());
     }
     let photometric = profile.as_ref().filter(|_| check.problems.is_empty()).map(|profile| {

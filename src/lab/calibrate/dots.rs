@@ -150,11 +150,12 @@ impl Dots {
         }
         let constant = |px: f64| Quantity::Constant(round_measured(px * mm_per_px));
         let markers = MarkerDistribution {
-            pitch_mm: constant(0.5 * (across + down)),
+            pitch_mm: Some(constant(0.5 * (across + down))),
             diameter_mm: constant(self.diameter_px),
             jitter_mm: constant(self.jitter_px),
             color: self.color.map(|share| round_measured(share.clamp(0.0, 1.0))),
             edge_mm: round_measured(self.edge_px * mm_per_px),
+            ..MarkerDistribution::default()
         };
         Some(markers)
     }

@@ -18,7 +18,7 @@ use gelsim_files::sensor::Sensor;
 use gelsim_files::sensor::markers::MarkerDistribution;
 use gelsim_files::sensor::quantity::Quantity;
 use gelsim_job::plan::check::JobChecker;
-use gelsim_job::plan::ranges;
+use gelsim_job::plan::markers::check_markers;
 
 pub mod background;
 pub mod noise;
@@ -124,7 +124,7 @@ impl Photometric {
         check.require_quantity_in_range(&key("vignette"), &self.vignette, 0.0..=1.0, "");
         if let Some(markers) = &self.markers {
             let view = profile.map(|profile| profile.sensor.field_of_view_mm);
-            ranges::check_markers(check, &key("markers"), markers, view);
+            check_markers(check, &key("markers"), markers, view);
         }
         let Some(profile) = profile else { return };
         if profile.sensor.shape.is_some() && self.markers.is_some() {

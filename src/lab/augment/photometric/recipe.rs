@@ -52,11 +52,11 @@ pub struct AppliedAugmentation {
     pub added_read_noise_levels: f64,
     /// Standard deviation of the shot noise that was added, of a white pixel, grey levels.
     pub added_shot_noise_levels: f64,
-    /// Distance between markers, mm.
+    /// Distance between markers along x, mm; 0 for measured ones.
     pub marker_pitch_mm: f64,
     /// Diameter of the markers, mm; 0 without any.
     pub marker_diameter_mm: f64,
-    /// Largest offset of a marker from the grid, mm.
+    /// Largest offset of a marker from its place, mm.
     pub marker_jitter_mm: f64,
     /// Pixels of the real image with a channel at full scale, whose light was lost before.
     pub saturated_before_px: u64,
@@ -127,8 +127,8 @@ impl PhotometricRecipe {
             &shot,
             &mut EffectLog::new(EffectPolicy::WhereNeeded),
         );
-        let MarkerPattern { pitch_mm, diameter_mm, jitter_mm } =
-            pattern.unwrap_or(MarkerPattern { pitch_mm: 0.0, diameter_mm: 0.0, jitter_mm: 0.0 });
+        let MarkerPattern { pitch_mm: [marker_pitch_mm, _], diameter_mm, jitter_mm } =
+            pattern.unwrap_or(MarkerPattern { pitch_mm: [0.0; 2], diameter_mm: 0.0, jitter_mm: 0.0 });
         let applied = AppliedAugmentation {
             background: swap.map(|swap| swap.name.clone()).unwrap_or_default(),
             led_gains,
@@ -139,7 +139,7 @@ impl PhotometricRecipe {
             noise_level,
             added_read_noise_levels: added.read_levels,
             added_shot_noise_levels: added.shot_levels,
-            marker_pitch_mm: pitch_mm,
+            marker_pitch_mm,
             marker_diameter_mm: diameter_mm,
             marker_jitter_mm: jitter_mm,
             saturated_before_px: real.saturated_px,
