@@ -281,7 +281,8 @@ fn what_the_pads_cannot_give_is_not_healthy_and_says_why() {
         let folder = folder(&edited(&job(), &[(CLOSING, closing)]));
         let said = folder.fail("generate job.toml --quiet --set output.on_unhealthy=\"fail\"", 1);
         assert!(said.contains(words), "{said}");
-        let said = folder.fail("generate job.toml --quiet --out kept --samples 2 --set output.on_unhealthy=\"keep\"", 1);
+        let said =
+            folder.fail("generate job.toml --quiet --out kept --samples 2 --set output.on_unhealthy=\"keep\"", 1);
         assert!(said.contains("none of the 2 samples is healthy"), "{said}");
         folder.succeed("verify kept");
         for (key, label) in folder.labels("kept") {
