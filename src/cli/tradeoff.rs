@@ -14,8 +14,8 @@ use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
 use gelsim_lab::tradeoff::{measure_tradeoff, plot, report, sequences};
 
-/// Samples, if the user names no number.
-const SAMPLES: u64 = 32;
+/// Samples, if the user names no number: one of each object, within these bounds.
+const SAMPLES: [u64; 2] = [32, 256];
 
 /// Sequences, if the user names no number.
 const SEQUENCES: u64 = 6;
@@ -32,7 +32,7 @@ pub struct Tradeoff {
     #[arg(value_name = "JOB.toml")]
     job: PathBuf,
     /// How many of the job's samples are rendered: shallow and deep ones of each object while N allows, and the deepest
-    /// of all [default: 32, or one of each object if that is more; of a job of sequences 6]
+    /// of all [default: one of each object, but from 32 to 256; of a job of sequences 6]
     #[arg(short = 'n', long, value_name = "N", value_parser = parse_samples)]
     samples: Option<u64>,
     /// Folder for the results [default: out/NAME-tradeoff]
@@ -87,7 +87,7 @@ impl Tradeoff {
             }
             return Ok(());
         }
-        let samples = self.samples.unwrap_or(SAMPLES.max(plan.sampling.objects.len() as u64));
+        let samples = self.samples.unwrap_or((plan.sampling.objects.len() as u64).clamp(SAMPLES[0], SAMPLES[1]));
         let result = measure_tradeoff(&plan, samples, said);
         Failure::check_meshes(&plan)?;
         let page = plot::draw_tradeoff(&result);

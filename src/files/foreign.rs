@@ -12,6 +12,10 @@ pub struct ForeignFile {
 
 /// What to do with a scene of a 3D editor.
 pub const EXPORT_FROM_BLENDER: &str = "open it in Blender and export it as .glb, .obj, .ply or .stl";
+/// What to do with a USD file.
+pub const EXPORT_USD: &str = "open it in Blender and export it as .glb, or, for many files, after pip install bpy: python -c \"import bpy; \
+     bpy.ops.wm.read_factory_settings(use_empty=True); bpy.ops.wm.usd_import(filepath='IN.usd'); \
+     bpy.ops.export_scene.gltf(filepath='OUT.glb')\"";
 /// What to do with an archive.
 pub const UNPACK_ARCHIVE: &str = "unpack it, and name what is in it";
 

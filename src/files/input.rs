@@ -87,13 +87,14 @@ fn is_not_found(error: &io::Error) -> bool {
     matches!(error.kind(), NotFound | NotADirectory | InvalidFilename)
 }
 
-/// Returns the files that match a pattern, sorted. Folders that may not be read are passed over, as a shell does. Any
-/// other reason is an error, since files would be missing in silence.
+/// Returns the files that match a pattern, sorted, without the companion files of macOS (`._NAME`). Folders that may
+/// not be read are passed over, as a shell does. Any other reason is an error, since files would be missing in silence.
 pub fn collect_matching_files(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
+    let is_companion = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"));
     let mut found = Vec::new();
     for path in paths {
         match path {
-            Ok(path) if may_be_file(&path) => found.push(path),
+            Ok(path) if !is_companion(&path) && may_be_file(&path) => found.push(path),
             Ok(_) => {}
             Err(error) if error.error().kind() == io::ErrorKind::PermissionDenied => {}
             Err(error) => return Err(io::Error::other(error)),

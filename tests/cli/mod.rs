@@ -31,6 +31,7 @@ mod log;
 mod many_meshes;
 mod markers;
 mod messages;
+mod object_sets;
 mod objects;
 mod preview;
 mod properties;

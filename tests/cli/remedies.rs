@@ -6,7 +6,7 @@ use std::fs;
 use gelsim_files::npy;
 use serde_json::Value;
 
-use crate::support::{Folder, JOB, edited, json};
+use crate::support::{Folder, JOB, edited, gltf, json};
 
 /// What a run says on standard error; it ends with this status.
 fn messages_of(folder: &Folder, arguments: &str, status: i32) -> String {
@@ -449,31 +449,6 @@ fn sixty_frames_with_one_fault_are_one_message() {
     assert_eq!(said.matches("error: ").count(), 1, "{said}");
     assert!(said.contains("60") && said.contains("00.npy") && said.contains("57 more"), "{said}");
     assert!(said.contains("--background-value=nan"), "{said}");
-}
-
-/// A box of this length as glTF, whose unit is the metre.
-fn gltf(length: f32) -> String {
-    use base64::Engine;
-    let mut bytes = Vec::new();
-    for corner in 0..8_u32 {
-        for axis in 0..3 {
-            bytes.extend((if corner >> axis & 1 == 1 { length } else { 0.0 }).to_le_bytes());
-        }
-    }
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    for [a, b, c, d] in quads {
-        [a, b, c, a, c, d].into_iter().for_each(|index: u16| bytes.extend(index.to_le_bytes()));
-    }
-    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
-    format!(
-        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
-"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
-"buffers":[{{"byteLength":{},"uri":"data:application/octet-stream;base64,{data}"}}],
-"bufferViews":[{{"buffer":0,"byteLength":96}},{{"buffer":0,"byteOffset":96,"byteLength":72}}],
-"accessors":[{{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3","min":[0,0,0],"max":[{length},{length},{length}]}},
-{{"bufferView":1,"componentType":5123,"count":36,"type":"SCALAR"}}]}}"#,
-        bytes.len()
-    )
 }
 
 #[test]

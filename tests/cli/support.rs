@@ -342,6 +342,31 @@ fn crc(bytes: &[u8]) -> u32 {
         .fold(!0_u32, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 * (crc & 1))))
 }
 
+/// A box of this length as glTF, whose unit is the metre.
+pub fn gltf(length: f32) -> String {
+    use base64::Engine;
+    let mut bytes = Vec::new();
+    for corner in 0..8_u32 {
+        for axis in 0..3 {
+            bytes.extend((if corner >> axis & 1 == 1 { length } else { 0.0 }).to_le_bytes());
+        }
+    }
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    for [a, b, c, d] in quads {
+        [a, b, c, a, c, d].into_iter().for_each(|index: u16| bytes.extend(index.to_le_bytes()));
+    }
+    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+    format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
+"buffers":[{{"byteLength":{},"uri":"data:application/octet-stream;base64,{data}"}}],
+"bufferViews":[{{"buffer":0,"byteLength":96}},{{"buffer":0,"byteOffset":96,"byteLength":72}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3","min":[0,0,0],"max":[{length},{length},{length}]}},
+{{"bufferView":1,"componentType":5123,"count":36,"type":"SCALAR"}}]}}"#,
+        bytes.len()
+    )
+}
+
 /// A page as XML: the tags that HTML leaves open are closed.
 pub fn closed_tags(page: &str) -> String {
     let is_open = |tag: &str| ["meta ", "img ", "br>"].iter().any(|name| tag.starts_with(name));

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::{Format, WordReader, obj, off, stl};
-use crate::foreign::{self, EXPORT_FROM_BLENDER, ForeignFile, UNPACK_ARCHIVE};
+use crate::foreign::{self, EXPORT_FROM_BLENDER, EXPORT_USD, ForeignFile, UNPACK_ARCHIVE};
 use crate::zip;
 
 /// What a file is.
@@ -33,7 +33,7 @@ const PICTURE_HELP: &str = "a height map is a grey .png, or an .npy, .npz or .ex
 const OTHER_EXTENSIONS: &[(&[&str], &str, &str)] = &[
     (&["fbx"], "an FBX file, which is not read", EXPORT_FROM_BLENDER),
     (&["blend"], "a Blender file, which is not read", EXPORT_FROM_BLENDER),
-    (&["usd", "usda", "usdc", "usdz"], "a USD file, which is not read", EXPORT_FROM_BLENDER),
+    (&["usd", "usda", "usdc", "usdz"], "a USD file, which is not read", EXPORT_USD),
     (
         &["3ds", "max", "ma", "mb", "c4d", "lwo", "abc", "x3d", "wrl", "x", "ztl"],
         "a scene, which is not read",
@@ -88,8 +88,8 @@ const OTHER_EXTENSIONS: &[(&[&str], &str, &str)] = &[
 /// The first bytes of files of other formats, what they are, and what to do.
 const SIGNATURES: &[(&[u8], &str, &str)] = &[
     (b"; FBX", "an FBX file, which is not read", EXPORT_FROM_BLENDER),
-    (b"PXR-USDC", "a USD file, which is not read", EXPORT_FROM_BLENDER),
-    (b"#usda", "a USD file, which is not read", EXPORT_FROM_BLENDER),
+    (b"PXR-USDC", "a USD file, which is not read", EXPORT_USD),
+    (b"#usda", "a USD file, which is not read", EXPORT_USD),
     (b"#VRML", "a VRML scene, which is not read", EXPORT_FROM_BLENDER),
     (b"xof 0", "a scene of DirectX, which is not read", EXPORT_FROM_BLENDER),
     (b"//Maya", "a scene of Maya, which is not read", EXPORT_FROM_BLENDER),
@@ -156,7 +156,7 @@ pub(super) fn detect_content(bytes: &[u8]) -> Option<Detected> {
         return match () {
             () if ends(".model") => Some(Mesh(Format::ThreeMf)),
             () if ends(".usdc") || ends(".usda") || ends(".usd") => {
-                foreign("a USD file, which is not read", EXPORT_FROM_BLENDER)
+                foreign("a USD file, which is not read", EXPORT_USD)
             }
             () if ends(".npy") => {
                 foreign("an archive of NumPy arrays", "a height map keeps its ending, .npz; a mesh is no array")

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 /// The file extensions that are read, for messages.
 pub const ENDINGS: &str = ".obj, .stl, .ply, .off, .glb, .gltf, .dae, .3mf or .urdf";
 
-/// A format of mesh files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// A format of mesh files. Of two files of one object, the one whose format comes first is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Format {
     /// Wavefront OBJ: `v` and `f` statements make the shape, `o` and `g` its parts; everything else is ignored.

@@ -23,6 +23,7 @@ use gelsim_job::inspection::sides::{self, SideReport};
 use gelsim_job::inspection::{MAX_EXTENT_MM, MeshSize, SensorPad};
 use gelsim_job::plan::faces;
 
+mod choose;
 pub mod job;
 pub mod set;
 pub mod surface;
