@@ -77,7 +77,6 @@ ELSEWHERE = {
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot": ("the wheel", "tests/python/test_formats.py"),
     "gelsim-export out/quickstart --to lerobot --out quickstart.lerobot --check": ("the wheel", "tests/python/test_formats.py"),
     "gelsim-export out/quickstart --to fota --out quickstart.fota": ("the wheel", "tests/python/test_formats.py"),
-    "gelsim-export SET --to LAYOUT --out COPY": ("the wheel", "tests/python/test_layouts.py"),
     "gelsim-export out/pretrain-sitr --to sitr --out sitr": (
         "the wheel",
         "tests/python/test_layouts.py",
@@ -119,6 +118,9 @@ ELSEWHERE = {
     "python docs/first-hour/train.py out/objects": ("PyTorch", ".ci/run"),
     "python tests/bench/accuracy.py target/release/gelsim": ("minutes", "tests/bench/figures.py"),
     "python tests/bench/sensor_sets.py target/release/gelsim": ("a minute", "tests/bench/figures.py"),
+    "python tests/bench/recipes.py target/release/gelsim": ("minutes; what it printed", "docs/how-to/sensor-sets.md"),
+    "python tests/bench/many_meshes.py target/release/gelsim": ("26 GB of meshes; what it printed", "docs/reference/objects.md"),
+    "gelsim init --objects ycb job.toml": ("the meshes of YCB; there stand-ins", "tests/cli/object_sets.rs"),
     "python tests/bench/figures.py target/release/gelsim": ("minutes", ".ci/run"),
     "bash python/wheels.sh": ("minutes", ".ci/run"),
     "cargo publish --dry-run --locked --workspace": ("minutes", ".ci/run"),
