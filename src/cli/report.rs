@@ -8,7 +8,9 @@ use super::store::local_path_parser;
 use super::{Failure, output_file, print_result, print_to_stderr};
 use gelsim_dataset::cleanup::{self, REPORT_FILE};
 use gelsim_dataset::lock::Lock;
-use gelsim_lab::report;
+use gelsim_dataset::sensor_set::{SensorSet, list_dataset_folders};
+use gelsim_lab::report::set::{SetRow, render_set};
+use gelsim_lab::report::{self, DatasetReport};
 
 /// Write one HTML page about a dataset: counts by class and split, distributions of contact, pose and brightness,
 /// effects, health, time, size, some samples, the configuration. It needs no network and no scripts.
@@ -21,7 +23,7 @@ Example:
 Only labels are read, and images of at most 1000 samples. What is missing or damaged is named at the top, and the page is \
 made from what is there; gelsim verify looks at every byte.")]
 pub struct Report {
-    /// The dataset's folder
+    /// The dataset's folder, or that of a set of sensors: each dataset has its page, and the set's leads to them
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     /// The page to write [default: DIR/report.html]
@@ -35,22 +37,39 @@ impl Report {
             output_file::check_output_path(out, &["html"], REPORT_FILE)?;
         }
         let out = self.out.clone().unwrap_or_else(|| self.dir.join(REPORT_FILE));
-        let dataset = report::read_dataset(&self.dir)?;
+        if SensorSet::find(&self.dir)?.is_none() {
+            self.write_dataset_page(&self.dir, &out)?;
+            return print_result(&format!("{}\n", out.display()));
+        }
+        // A page for each dataset, and one that leads to them.
+        let mut rows = Vec::new();
+        for folder in list_dataset_folders(&self.dir)? {
+            let dataset = self.write_dataset_page(&folder, &folder.join(REPORT_FILE))?;
+            let name = folder.strip_prefix(&self.dir).unwrap_or(&folder).to_string_lossy().replace('\\', "/");
+            rows.push(SetRow::new(name, &dataset));
+        }
+        let name = self.dir.canonicalize().ok().and_then(|root| Some(root.file_name()?.to_string_lossy().into_owned()));
+        output_file::write_whole_file(&out, render_set(&name.unwrap_or_default(), &rows).as_bytes())?;
+        print_result(&format!("{}\n", out.display()))
+    }
+
+    /// Writes the page about the dataset in a folder, and prints its warnings.
+    fn write_dataset_page(&self, folder: &Path, out: &Path) -> Result<DatasetReport, Failure> {
+        let dataset = report::read_dataset(folder)?;
         for warning in dataset.list_warnings() {
             print_to_stderr(&format!("warning: {warning}"));
         }
-        let page = dataset.to_html();
-        self.write_page(&out, page.as_bytes())?;
-        print_result(&format!("{}\n", out.display()))
+        Self::write_page(folder, out, dataset.to_html().as_bytes())?;
+        Ok(dataset)
     }
 
     /// Writes the complete page. If it goes into the dataset's folder, holds the dataset's lock: a run that finishes
     /// the dataset removes partial files there.
-    fn write_page(&self, out: &Path, page: &[u8]) -> Result<(), Failure> {
+    fn write_page(root: &Path, out: &Path, page: &[u8]) -> Result<(), Failure> {
         let folder = output_file::parent_folder(out);
         let same = |a: &Path, b: &Path| matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b);
-        let lock = cleanup::lock_path(&self.dir);
-        let _alone = if same(folder, &self.dir) {
+        let lock = cleanup::lock_path(root);
+        let _alone = if same(folder, root) {
             Some(Lock::acquire(&lock).map_err(|error| {
                 Failure::access_denied(&format!("{}: {error}", lock.display()), &error, "nothing was written")
             })?)

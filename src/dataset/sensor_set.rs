@@ -3,6 +3,7 @@
 //! `sensors.json` names the sensors. It is written before their folders, so a folder with datasets and without it is no
 //! set.
 
+use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -12,11 +13,15 @@ use super::cleanup;
 use super::dataset_error::DatasetError;
 use super::versioned::Versioned;
 use gelsim_files::diagnostic::user_error;
+use gelsim_files::number_format::format_number;
 use gelsim_files::write::write_atomically;
 use gelsim_job::plan::{CALIBRATION_FOLDER, SetMember};
 
 /// Name of the file that names the sensors.
 pub const SET_FILE: &str = "sensors.json";
+
+/// Name of the file that describes the set.
+const CARD_FILE: &str = "README.md";
 
 /// The content of `sensors.json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -168,11 +173,51 @@ pub(crate) fn prepare_set_folder(
             }
         }
     }
-    if known.as_ref() != Some(&set) {
+    let card = root.join(CARD_FILE);
+    if known.as_ref() != Some(&set) || !card.exists() {
         std::fs::create_dir_all(root).map_err(failed(root))?;
         let mut text = serde_json::to_vec_pretty(&set).map_err(|error| DatasetError::Io(path.clone(), error.into()))?;
         text.push(b'\n');
         write_atomically(&path, &text).map_err(failed(&path))?;
+        let text = render_set_card(&set, members);
+        write_atomically(&card, text.as_bytes()).map_err(failed(&card))?;
     }
     Ok(())
+}
+
+/// Renders the set's card: its sensors, what they have in common, and code that loads them.
+fn render_set_card(set: &SensorSet, members: &[SetMember]) -> String {
+    let folder = |member: &SetMember| member.folder.clone();
+    let name = members.first().map_or_else(String::new, |first| {
+        let name = first.plan.name();
+        name.strip_suffix(&format!("-{}", folder(first))).unwrap_or(name).to_owned()
+    });
+    let mut text = format!(
+        "---\npretty_name: \"{name}\"\ntags: [tactile, synthetic]\n---\n\n# {name}\n\n\
+         {} tactile sensors, simulated by gelsim {}. Each folder is a dataset of one of them, with a card of its own.\n\n",
+        members.len(),
+        set.generator
+    );
+    text += match set.paired {
+        true => {
+            "A sample is the same press under every sensor: the same number is the same object, pose, depth in mm, texture \
+             and motion.\n\n"
+        }
+        false => "Each sensor feels presses of its own.\n\n",
+    };
+    text += "| folder | sensor | image, px | view, mm |\n|---|---|---|---|\n";
+    for member in members {
+        let sensor = &member.plan.job().sensor;
+        let ([width, height], [wide, high]) = (sensor.resolution_px, sensor.field_of_view_mm.map(format_number));
+        let _ = writeln!(text, "| {} | {} | {width} x {height} | {wide} x {high} |", member.folder, sensor.name);
+    }
+    if let Some(presses) = &set.calibration {
+        let _ = write!(text, "\n`{presses}/` has the calibration presses of each.\n");
+    }
+    let (what, load) = match set.paired {
+        true => ("a list with a sample of each sensor", "for samples in gelsim.load(\".\").pairs():\n    break"),
+        false => ("one sample", "for sample in gelsim.load(\".\"):\n    break"),
+    };
+    let _ = write!(text, "\n```python\nimport gelsim\n\n# {what}\n{load}\n```\n");
+    text
 }

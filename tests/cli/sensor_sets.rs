@@ -287,9 +287,9 @@ fn calibration_presses_are_made_under_the_same_units_and_kept_apart() {
     fs::write(folder.path("plain.toml"), job()).expect("a job");
     folder.succeed("generate plain.toml --quiet --out plain");
     let mut set = lasting(&folder, "set");
-    set.retain(|name, _| !name.starts_with("calibration/") && name != "sensors.json");
+    set.retain(|name, _| !name.starts_with("calibration/") && name != "sensors.json" && name != "README.md");
     let mut plain = lasting(&folder, "plain");
-    plain.remove("sensors.json");
+    plain.retain(|name, _| name != "sensors.json" && name != "README.md");
     assert_same_files(&set, &plain);
     for part in [1, 0] {
         folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2"));
@@ -361,4 +361,27 @@ fn a_side_that_pads_do_not_agree_on_is_refused() {
     folder.write("thin.toml", "preset = \"gelsight-mini\"\nname = \"thin\"\ngelpad_thickness_mm = 0.5\n");
     let said = folder.fail("generate job.toml --out set", 2);
     assert!(said.contains("presses another side of stepped.obj into thin than into gelsight-mini"), "{said}");
+}
+
+#[test]
+fn a_set_has_a_card_and_a_page_that_lead_to_its_datasets() {
+    let folder = with_presses(PRESSES);
+    folder.succeed("generate job.toml --quiet --out set");
+    let card = folder.read("set/README.md");
+    let said = ["pretty_name: \"small\"", "# small\n", "4 tactile sensors", "the same press under every sensor"];
+    for text in said.into_iter().chain(["| gelsight-2017-0001 |", "`calibration/` has", "gelsim.load(\".\").pairs()"]) {
+        assert!(card.contains(text), "{text}: {card}");
+    }
+    assert_eq!(folder.stdout_of("report set"), "set/report.html\n");
+    let page = folder.read("set/report.html");
+    for name in folders(&folder, "set") {
+        for each in [name.clone(), format!("calibration/{name}")] {
+            assert!(page.contains(&format!("href=\"{each}/report.html\"")), "{each}");
+            assert!(folder.path(&format!("set/{each}/report.html")).exists(), "{each}");
+        }
+    }
+    // The same command goes on, and writes a card that was lost.
+    fs::remove_file(folder.path("set/README.md")).expect("the card");
+    folder.succeed("generate job.toml --quiet --out set");
+    assert_eq!(folder.read("set/README.md"), card);
 }

@@ -57,9 +57,9 @@ pub struct MeshCache {
 type Line<Parts> = (usize, PathBuf, FileState, Parts);
 
 impl MeshCache {
-    /// Reads what is known of a job whose `[[object]]` tables have these paths and are read as these keys say. Returns
-    /// `None` if there is no folder for it.
-    pub fn open(tables: &[(&str, &str)]) -> Option<Self> {
+    /// Reads what is known of a job whose `[[object]]` tables stand in these folders, have these paths and are read as
+    /// these keys say. Returns `None` if there is no folder for it.
+    pub fn open(tables: &[(&str, &str, &str)]) -> Option<Self> {
         let folder = cache_folder()?.join("meshes");
         let here = env::current_dir().ok()?;
         let job = sha256(format!("{VERSION} {} {here:?} {tables:?}", env!("CARGO_PKG_VERSION")).as_bytes());
@@ -119,8 +119,10 @@ impl MeshCache {
 
 /// Returns the folder for what can be computed again: that of the user's programs, or the one that is set.
 fn cache_folder() -> Option<PathBuf> {
-    let from = |name: &str| env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
+    let from = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    // Programs are to ignore a relative XDG_CACHE_HOME.
+    let absolute = |name: &str| from(name).filter(|path| path.is_absolute());
     from("GELSIM_CACHE_DIR")
-        .or_else(|| Some(from("XDG_CACHE_HOME")?.join("gelsim")))
-        .or_else(|| Some(from("HOME")?.join(".cache/gelsim")))
+        .or_else(|| Some(absolute("XDG_CACHE_HOME")?.join("gelsim")))
+        .or_else(|| Some(absolute("HOME")?.join(".cache/gelsim")))
 }

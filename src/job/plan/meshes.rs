@@ -180,13 +180,7 @@ pub fn read_mesh_files(job: &Job, files: &[ObjectFile], pad: &SensorPad) -> (Vec
         })
         .collect();
     let are_few = different.len() <= FEW_FILES;
-    let tables: Vec<(&str, &str)> = job
-        .object
-        .iter()
-        .zip(&keys)
-        .map(|(object, key)| (object.path.as_deref().unwrap_or_default(), &**key))
-        .collect();
-    let cache = if are_few { None } else { MeshCache::open(&tables) };
+    let cache = if are_few { None } else { open_cache(job, files, &keys) };
     let store = Arc::new(MeshStore::default());
     let start = SystemTime::now();
     let tables: Vec<Arc<Object>> = readings.iter().map(|reading| Arc::new(reading.object.clone())).collect();
@@ -244,6 +238,19 @@ pub fn read_mesh_files(job: &Job, files: &[ObjectFile], pad: &SensorPad) -> (Vec
         cache.save(known.collect())
     });
     (places.into_iter().map(|place| Arc::clone(&read[place].0)).collect(), note)
+}
+
+/// Opens what is remembered of a job with these files, whose tables are read as `keys` say.
+fn open_cache(job: &Job, files: &[ObjectFile], keys: &[String]) -> Option<MeshCache> {
+    // A label is the path in the folder of the table, unless the table says otherwise.
+    let mut folders = vec![""; job.object.len()];
+    for ObjectFile { entry, path, label } in files {
+        folders[*entry] = path.to_str().and_then(|path| path.strip_suffix(label.as_str())).unwrap_or("");
+    }
+    let written = job.object.iter().map(|object| object.path.as_deref().unwrap_or_default());
+    let tables: Vec<(&str, &str, &str)> =
+        folders.into_iter().zip(written).zip(keys).map(|((folder, path), key)| (folder, path, &**key)).collect();
+    MeshCache::open(&tables)
 }
 
 /// What a mesh file or height map holds.

@@ -16,6 +16,7 @@ pub mod histogram;
 mod html;
 pub mod quantities;
 pub mod sequences;
+pub mod set;
 
 use gather::{DatasetStats, entry_or_default};
 
