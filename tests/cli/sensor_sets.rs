@@ -184,7 +184,7 @@ fn folders_of_datasets_and_of_others_are_no_sets() {
     folder.succeed("generate job.toml --quiet --out set");
     let said = folder.fail("generate small.toml --out set", 2);
     assert!(said.contains("set is not empty and holds no dataset of gelsim"), "{said}");
-    for command in ["report set", "reproduce set 0"] {
+    for command in ["preview set --out sheet.png", "reproduce set 0"] {
         let said = folder.fail(command, 2);
         assert!(said.contains("set is a set of 4 sensors, each a dataset"), "{said}");
         assert!(said.contains("such as set/gelsight-mini-0000"), "{said}");
