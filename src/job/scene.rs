@@ -198,12 +198,11 @@ impl Scene {
         let (others, unplaced) =
             place_other_objects(plan, split, rng::redraw_index(index, attempt), touches, first, &plane);
         let press = KnownPress { split, pressed: PressSource::Object(object), pose, indentation_depth_mm };
-        let mut scene = Self::from_known_press(plan, index, attempt, press);
+        let mut scene = Self::from_press_of(plan, index, attempt, press, Some(Arc::clone(&scaled)));
         scene.motion.about_mm = position_mm;
         scene.beside_axis = beside_axis;
         scene.scale = scale;
         scene.facing = facing;
-        scene.clusters = Some(scaled);
         (scene.plane, scene.over_plane) = (plane, over_plane);
         (scene.other_objects, scene.unplaced) = (others, unplaced);
         if let Some(force) = indentation.force_n.as_ref().filter(|_| touches) {
@@ -290,6 +289,21 @@ impl Scene {
     /// Makes the scene of a known press. All else is drawn as for sample `index` after `attempt` rejected draws. Shear
     /// turns about the pose's origin.
     pub fn from_known_press(plan: &Plan, index: u64, attempt: u32, press: KnownPress) -> Self {
+        let clusters = match &press.pressed {
+            PressSource::Object(number) => Some(plan.sampling.objects[*number].geometry.clusters()),
+            PressSource::Frame(_) => None,
+        };
+        Self::from_press_of(plan, index, attempt, press, clusters)
+    }
+
+    /// Makes the scene of a known press of an object with this geometry, which may have to be read.
+    fn from_press_of(
+        plan: &Plan,
+        index: u64,
+        attempt: u32,
+        press: KnownPress,
+        clusters: Option<Arc<Clusters>>,
+    ) -> Self {
         let stream = |name: &str| rng::random_stream(plan.seed(), name, rng::redraw_index(index, attempt));
         let draw = |name: &str, quantity: &Quantity| quantity.sample(&mut stream(name));
         let KnownPress { split, pressed, pose, indentation_depth_mm } = press;
@@ -333,7 +347,6 @@ impl Scene {
         let redrawn = rng::redraw_index(index, attempt);
         let SensorDraw { markers, camera, sensor, unit_key } =
             SensorDraw::draw(plan, |name| rng::random_stream(plan.sensor_seed(), name, redrawn));
-        let clusters = number.map(|number| plan.sampling.objects[number].geometry.clusters());
         Self {
             index,
             attempt,

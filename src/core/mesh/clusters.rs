@@ -81,16 +81,22 @@ impl Clusters {
     /// of [`Self::triangles`].
     pub(crate) fn triangle(&self, number: usize) -> [DVec3; 3] {
         let cluster = self.clusters.partition_point(|cluster| cluster.first_triangle as usize <= number) - 1;
-        let first = self.clusters[cluster].first_vertex as usize;
-        self.corners[number].map(|corner| {
-            let at = first + usize::from(corner);
-            DVec3::new(self.x[at].into(), self.y[at].into(), self.z[at].into())
-        })
+        self.corners_in(&self.clusters[cluster], number)
     }
 
     /// Returns the corners of all triangles, in an order that depends on the mesh alone.
     pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> {
-        (0..self.corners.len()).map(|number| self.triangle(number))
+        self.clusters.iter().flat_map(move |cluster| {
+            let first = cluster.first_triangle as usize;
+            (first..first + usize::from(cluster.triangle_count)).map(move |number| self.corners_in(cluster, number))
+        })
+    }
+
+    fn corners_in(&self, cluster: &Cluster, number: usize) -> [DVec3; 3] {
+        self.corners[number].map(|corner| {
+            let at = cluster.first_vertex as usize + usize::from(corner);
+            DVec3::new(self.x[at].into(), self.y[at].into(), self.z[at].into())
+        })
     }
 
     /// Returns the memory that the object takes, bytes.

@@ -7,11 +7,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use super::meshes::{FileContent, read_file};
-use crate::config::object::Object;
-use gelsim_core::mesh::Mesh;
+use crate::config::object::{Object, Parts};
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_files::mesh::MeshFileError;
+use gelsim_core::mesh::{CleanupReport, Mesh};
+use gelsim_files::mesh::{self, LoadedMesh, MeshFileError};
 
 /// Memory for meshes that can be read again, bytes.
 const ROOM_BYTES: usize = 256 << 20;
@@ -119,6 +118,35 @@ impl fmt::Debug for MeshFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("MeshFile").field("path", &self.path).finish_non_exhaustive()
     }
+}
+
+/// What a mesh file or height map holds.
+pub enum FileContent {
+    /// The closed plate that a height map becomes, mm.
+    Plate {
+        /// Geometry of the plate.
+        mesh: Mesh,
+        /// What cleaning removed.
+        cleaned: CleanupReport,
+        /// SHA-256 of the file, in lower-case hex.
+        sha256: String,
+    },
+    /// The meshes, each with the name of its part; the name of a complete file is empty.
+    Parts(Vec<(String, LoadedMesh)>),
+}
+
+/// Reads a file as `object` says. Also returns whether the content also depends on other files.
+pub fn read_file(path: &Path, object: &Object) -> Result<(FileContent, bool), MeshFileError> {
+    if let Some(size) = object.plate_size().filter(|_| mesh::is_height_map(path)) {
+        let (mesh, cleaned, sha256) = mesh::load_plate(path, size)?;
+        return Ok((FileContent::Plate { mesh, cleaned, sha256 }, false));
+    }
+    let parts = match object.parts {
+        Parts::Separate => mesh::load_parts(path, object.read_options())?,
+        Parts::Together => vec![(String::new(), mesh::load(path, object.read_options())?)],
+    };
+    let names_other_files = parts.iter().any(|(_, loaded)| loaded.names_other_files);
+    Ok((FileContent::Parts(parts), names_other_files))
 }
 
 /// The meshes that were read last.

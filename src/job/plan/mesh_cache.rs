@@ -15,7 +15,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::meshes::MeshFacts;
+use super::mesh_facts::MeshFacts;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::hash::sha256;
 use gelsim_files::write::write_without_sync;

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::faces;
-use super::geometry::{Geometry, MeshFile, MeshStore};
+use super::geometry::{FileContent, Geometry, MeshFile, MeshStore, read_file};
 use super::mesh_cache::{FileState, MeshCache};
-use super::object_notes::{Facets, find_level_side};
+use super::mesh_facts::{Facets, MeshFacts, find_level_side};
 use crate::config::Job;
 use crate::config::object::{Object, Parts};
 use crate::config::scene::Face;
@@ -20,7 +20,7 @@ use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::mesh::{CleanupReport, Mesh};
 use gelsim_core::pose::Side;
 use gelsim_files::diagnostic::Diagnostic;
-use gelsim_files::mesh::{self, LoadedMesh, MeshFileError, Remark};
+use gelsim_files::mesh::{LoadedMesh, MeshFileError};
 
 /// Most files of which all meshes are held in memory. Among few files, some may be so large that reading one of them
 /// again takes seconds.
@@ -48,33 +48,6 @@ impl ObjectFile {
         };
         Self { entry, path, label }
     }
-}
-
-/// What a job needs to know of a mesh besides its geometry.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct MeshFacts {
-    /// Name of the part in the file; `None` if the mesh is the complete file.
-    pub name: Option<String>,
-    /// Facets of round surfaces.
-    pub facets: Facets,
-    /// What cleaning removed.
-    pub cleaned: CleanupReport,
-    /// Size and place.
-    pub size: MeshSize,
-    /// Number of pixel rows that its triangles fill in a capture.
-    pub rows_per_capture: f64,
-    /// Whether the format defines what a coordinate of 1 is.
-    pub knows_its_unit: bool,
-    /// SHA-256 of the file, in lower-case hex.
-    pub sha256: String,
-    /// Folders in which the meshes that the file names are found again.
-    pub packages: Vec<String>,
-    /// What a user should know of how the file was read.
-    pub remarks: Vec<Remark>,
-    /// The side with the most relief, if the job presses that.
-    pub richest_side: Option<Side>,
-    /// The side with the most relief, if the job always presses another one level that is flat.
-    pub richer_side: Option<Side>,
 }
 
 /// A mesh of a file, ready to be pressed.
@@ -251,33 +224,4 @@ fn open_cache(job: &Job, files: &[ObjectFile], keys: &[String]) -> Option<MeshCa
     let tables: Vec<(&str, &str, &str)> =
         folders.into_iter().zip(written).zip(keys).map(|((folder, path), key)| (folder, path, &**key)).collect();
     MeshCache::open(&tables)
-}
-
-/// What a mesh file or height map holds.
-pub enum FileContent {
-    /// The closed plate that a height map becomes, mm.
-    Plate {
-        /// Geometry of the plate.
-        mesh: Mesh,
-        /// What cleaning removed.
-        cleaned: CleanupReport,
-        /// SHA-256 of the file, in lower-case hex.
-        sha256: String,
-    },
-    /// The meshes, each with the name of its part; the name of a complete file is empty.
-    Parts(Vec<(String, LoadedMesh)>),
-}
-
-/// Reads a file as `object` says. Also returns whether the content also depends on other files.
-pub fn read_file(path: &Path, object: &Object) -> Result<(FileContent, bool), MeshFileError> {
-    if let Some(size) = object.plate_size().filter(|_| mesh::is_height_map(path)) {
-        let (mesh, cleaned, sha256) = mesh::load_plate(path, size)?;
-        return Ok((FileContent::Plate { mesh, cleaned, sha256 }, false));
-    }
-    let parts = match object.parts {
-        Parts::Separate => mesh::load_parts(path, object.read_options())?,
-        Parts::Together => vec![(String::new(), mesh::load(path, object.read_options())?)],
-    };
-    let names_other_files = parts.iter().any(|(_, loaded)| loaded.names_other_files);
-    Ok((FileContent::Parts(parts), names_other_files))
 }

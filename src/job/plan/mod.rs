@@ -34,6 +34,7 @@ mod gripper;
 pub mod markers;
 mod materials;
 mod mesh_cache;
+mod mesh_facts;
 mod meshes;
 mod naming;
 mod notes;
