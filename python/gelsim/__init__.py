@@ -22,8 +22,8 @@ for frame in range(10):
 
 What there is:
 
-- `Simulator` presses: `press` once, `step` frame by frame; `Impression` is what comes out. `Mesh`, `Pose` and `Placement` say what is
-  pressed and where, `Texture` and `Shear` what else happens.
+- `Simulator` presses: `press` once, `step` frame by frame; `Impression` is what comes out. `Array` steps many sensors at once.
+  `Mesh`, `Pose` and `Placement` say what is pressed and where, `Texture` and `Shear` what else happens.
 - `Sensor` is a preset or a sensor file, `Led` one of its lights; `Sensor.render` takes batches of depth maps.
 - `Job` renders the samples of a job file when they are asked for, for training without files.
 - `generate` writes a dataset, as the command does, and `load` reads it, or a `SensorSet`, whose `pairs` are presses as all sensors see them; `collate` and `collate_torch` make batches.
@@ -40,9 +40,10 @@ from gelsim.generating import Generated, generate
 from gelsim.mesh import Mesh
 from gelsim.sample import Sample
 from gelsim.scene import Led, LightPattern, Placement, Pose, Shear, Texture
-from gelsim.simulator import Effect, Impression, Simulator
+from gelsim.simulator import Array, Effect, Impression, Simulator
 
 __all__ = [
+    "Array",
     "Dataset",
     "Effect",
     "Generated",

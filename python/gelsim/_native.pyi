@@ -217,17 +217,24 @@ class Engine:
         seed: int,
     ) -> Pressing: ...
     def reset(self, friction: Optional[float], index: int, seed: int) -> None: ...
-    def step(self, name: str, object: Any, pose: Any, texture: Any, duration_s: Any) -> Pressing: ...
 
 @final
 class Pressing:
     """Result of a press; held by `gelsim.Impression`."""
 
-    def image(self) -> Any: ...
+    def image(self) -> Any:
+        """Hands over the tactile image. It is there once."""
+
     def layer(self, name: str) -> Any: ...
     def label(self) -> Any: ...
     @property
     def frame(self) -> Optional[int]: ...
+
+def step_all(
+    engines: list[Engine], steps: list[tuple[str, Any, Any, Any]], duration_s: Any, threads: Optional[int]
+) -> list[Pressing]:
+    """Renders the next frame of the sequence of each engine; of several at once on the threads of a pool. Nothing is
+    rendered if one of the frames cannot be."""
 
 def generate(
     job: Any,

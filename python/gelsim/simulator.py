@@ -9,7 +9,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union, cast
 
 from gelsim import vectors
-from gelsim._native import Engine, Pressing, Sensor, UsageError
+from gelsim._native import Engine, Pressing, Sensor, UsageError, step_all
 from gelsim.checks import Checks, honest, items, kind
 from gelsim.mesh import HasMesh, Mesh
 from gelsim.needed import need
@@ -340,7 +340,8 @@ class Simulator:
         """Begins another sequence: the next `step` is its first frame, of a pad that nothing touches yet.
 
         `friction` is Coulomb's coefficient between pad and object, 0 to 10; None: nothing slips. `index` and `seed` choose what is
-        random in the camera, as in `press`; noise differs from frame to frame.
+        random in the camera, as in `press`; noise differs from frame to frame. The first call also makes ready what sequences need,
+        which otherwise happens in their first frame.
         """
         checks = Checks()
         friction = checks.optional("friction", friction, 0.0, 10.0)
@@ -367,10 +368,7 @@ class Simulator:
         The sequence is the simulator's: one thread steps at a time (RunError), `copy` makes another one. After a UsageError the
         sequence is as it was. Not at `paper`, which knows no friction.
         """
-        ready, name = ready_of(indenter)
-        check_pose(pose)
-        check_type("texture", texture, Texture)
-        return Impression(self._engine.step(name, ready, pose, texture, duration_s))
+        return step_each([self], [(indenter, pose, texture)], duration_s, None)[0]
 
     def copy(self) -> Simulator:
         """Another simulator of the same sensor at the same level: the costly part is shared, the sequence is its own."""
@@ -402,6 +400,111 @@ class Simulator:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return rebuilt, self._given
+
+
+class Array:
+    """Several sensors that step together, on all cores: the fingers of a hand, or the environments of a training run.
+
+    ```python
+    import gelsim
+
+    fingers = gelsim.Array(["digit", "digit"])
+    ball = gelsim.Mesh.load("ball.stl")
+    fingers.reset(friction=0.5)
+    left, right = fingers.step(ball, [gelsim.Pose(0.3), gelsim.Pose(0.6, x_mm=1.0)])
+    batch = gelsim.collate([press.sample(["depth"]) for press in (left, right)])    # arrays (2, H, W, ...)
+    ```
+
+    Each sensor has a sequence of its own; those that are equal share the costly part. `array[k]` is the simulator of sensor k.
+    """
+
+    def __init__(
+        self,
+        sensors: Sequence[Union[Simulator, Sensor, str, PathLike[str]]],
+        fidelity: str = "standard",
+        *,
+        threads: Optional[int] = None,
+    ) -> None:
+        """Makes the sensors ready.
+
+        `sensors` are simulators, of which copies are made, or what `Simulator` takes, for simulators of this `fidelity`. `threads`
+        is the number of threads that render, by default one for each core.
+
+        Raises UsageError with every mistake.
+        """
+        ready: list[tuple[object, Simulator]] = []
+        self._simulators: list[Simulator] = []
+        for given in items("sensors", sensors, "a list of simulators, sensors or names of presets"):
+            known = next((made for same, made in ready if same is given or (isinstance(given, str) and same == given)), None)
+            if known is None:
+                known = given if isinstance(given, Simulator) else Simulator(given, fidelity)
+                ready.append((given, known))
+            self._simulators.append(known.copy())
+        if not self._simulators:
+            raise UsageError("sensors: there is none; give gelsim.Array(['digit', 'digit'])")
+        self._threads = threads
+        step_each([], [], 0.0, threads)  # refuses what is no number of threads
+        self.reset()
+
+    def reset(self, *, friction: Optional[float] = 0.6, index: int = 0, seed: int = 0) -> None:
+        """Begins another sequence on every sensor, as `Simulator.reset` does; sensor k gets `index` + k."""
+        for number, simulator in enumerate(self._simulators):
+            simulator.reset(friction=friction, index=index + number, seed=seed)
+
+    def step(
+        self,
+        indenters: Union[Indenter, list[Indenter]],
+        poses: Union[Pose, Placement, Sequence[Union[Pose, Placement]]],
+        *,
+        texture: Optional[Texture] = None,
+        duration_s: float = 0.04,
+    ) -> list[Impression]:
+        """Presses the next frame of the sequence of each sensor, as `Simulator.step` does, and returns their impressions in order.
+
+        A list of `indenters` or `poses` has one for each sensor; anything else is for all of them. Raises UsageError with the
+        mistakes of all sensors, whose sequences are then as they were.
+        """
+        pressed = per_sensor("indenters", indenters, isinstance(indenters, list), len(self))
+        is_one = poses is None or isinstance(poses, (Pose, Placement))
+        placed = per_sensor("poses", poses, not is_one, len(self))
+        given = list(zip(pressed, placed, [texture] * len(self)))
+        return step_each(self._simulators, given, duration_s, self._threads)
+
+    def __len__(self) -> int:
+        return len(self._simulators)
+
+    def __getitem__(self, number: int) -> Simulator:
+        return self._simulators[number]
+
+    def __repr__(self) -> str:
+        return f"<gelsim.Array of {len(self)}: {', '.join(sorted({simulator.sensor.name for simulator in self._simulators}))}>"
+
+
+def per_sensor(name: str, given: Any, is_list: bool, count: int) -> list[Any]:
+    """One of `given` for each sensor."""
+    if not is_list:
+        return [given] * count
+    found = items(name, given, "one for all sensors, or a list")
+    if len(found) != count:
+        raise UsageError(f"{name}: there are {len(found)}, for {count} sensor(s); give one for each, or one alone for all")
+    return list(found)
+
+
+def step_each(
+    simulators: list[Simulator], given: list[tuple[Any, Any, Any]], duration_s: float, threads: Optional[int]
+) -> list[Impression]:
+    """Steps simulators together: `given` has the indenter, pose and texture of each."""
+    steps: list[tuple[str, Any, Any, Any]] = []
+    same: Any = None
+    for indenter, pose, texture in given:
+        # What all sensors press is made ready once.
+        if same is None or same[0] is not indenter:
+            same = (indenter, *ready_of(indenter))
+        check_pose(pose)
+        check_type("texture", texture, Texture)
+        steps.append((same[2], same[1], pose, texture))
+    engines = [simulator._engine for simulator in simulators]
+    return [Impression(pressing) for pressing in step_all(engines, steps, duration_s, threads)]
 
 
 def rebuilt(

@@ -143,10 +143,10 @@ pub fn layer_array<'py>(py: Python<'py>, sample: &Sample, layer: OutputLayer) ->
     }
 }
 
-/// Returns the tactile image of a sample, (rows, columns, 3).
-pub fn image_array<'py>(py: Python<'py>, sample: &Sample) -> PyResult<Bound<'py, PyAny>> {
+/// Returns the pixels of the tactile image of a sample as an array (rows, columns, 3).
+pub fn image_array<'py>(py: Python<'py>, sample: &Sample, rgb: Vec<u8>) -> PyResult<Bound<'py, PyAny>> {
     let image = &sample.impression.image;
-    to_array(py, &[image.height, image.width, 3], image.rgb.clone())
+    to_array(py, &[image.height, image.width, 3], rgb)
 }
 
 /// Reads JSON as Python objects.

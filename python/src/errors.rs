@@ -81,3 +81,24 @@ pub fn emit_warnings(py: Python<'_>, notes: &Report) -> PyResult<()> {
 pub fn panic_error(what: &str, panic: &(dyn Any + Send)) -> PyErr {
     runtime_error(format!("{what} brought gelsim down, which is a bug: {}", generate::panic_message(panic)))
 }
+
+/// Returns one error for what is wrong with some of several sensors; each message is said once, with the numbers of the
+/// sensors that have it. If not all are UsageErrors, the first of the others is returned.
+pub fn name_sensors(py: Python<'_>, wrong: Vec<(usize, PyErr)>, count: usize) -> PyErr {
+    let mut messages: Vec<(String, Vec<String>)> = Vec::new();
+    for (number, error) in wrong {
+        if count == 1 || !error.is_instance_of::<UsageError>(py) {
+            return error;
+        }
+        let message = error.value(py).to_string();
+        match messages.iter_mut().find(|(known, _)| *known == message) {
+            Some((_, numbers)) => numbers.push(number.to_string()),
+            None => messages.push((message, vec![number.to_string()])),
+        }
+    }
+    let name = |(message, numbers): &(String, Vec<String>)| match numbers.as_slice() {
+        [number] => format!("sensor {number}: {message}"),
+        _ => format!("sensors {}: {message}", numbers.join(", ")),
+    };
+    UsageError::new_err(messages.iter().map(name).collect::<Vec<_>>().join("\n\n"))
+}

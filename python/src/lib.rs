@@ -10,6 +10,7 @@ mod generate;
 mod job;
 mod mesh;
 mod sensor;
+mod sequence;
 mod simulator;
 mod threads;
 
@@ -34,6 +35,8 @@ mod _native {
     use crate::mesh::{ReadyMesh, mesh_of_arrays, mesh_of_file};
     #[pymodule_export]
     use crate::sensor::{Sensor, sensor_of_source};
+    #[pymodule_export]
+    use crate::sequence::step_all;
     #[pymodule_export]
     use crate::simulator::{Engine, Pressing};
 

@@ -117,6 +117,10 @@ def presses(sensor: gelsim.Sensor) -> None:
         assert step.frame == number and np.array_equal(step.image, again.image) and step.slip is not None
         states.append(step.slip_state)
     assert states[0] == "none" and states[-1] == "gross", states
+    array = gelsim.Array([simulator, sensor], "draft", threads=1)
+    array.reset(friction=0.4, index=1, seed=5)
+    both: list[gelsim.Impression] = array.step([mesh, sphere], [pose, place], texture=None, duration_s=0.1)
+    assert len(array) == len(both) == 2 and array[0].fidelity == "draft" and array[0] is not simulator
     batch = gelsim.collate([press.sample(["depth"]), press.sample(["depth"])])
     assert batch["depth"].shape == (2, 80, 60) and batch["pose"].shape == (2, 7)
 

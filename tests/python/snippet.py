@@ -17,6 +17,9 @@ def look(names):
         images, deepest = names["images"], names["deepest_mm"]
         assert images.ndim == 4 and images.shape[1] == 3 and str(images.dtype) == "torch.uint8", images.shape
         assert len(deepest) == len(images) and 0 <= float(deepest.max()) < 4
+    elif "batch" in names:
+        batch = names["batch"]
+        assert batch["tactile"].shape == (*batch["depth"].shape, 3) and batch["depth"].max() > 0.0
     elif "press" in names:
         press = names["press"]
         width, height = names["simulator"].resolution_px

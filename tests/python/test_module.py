@@ -111,7 +111,7 @@ def test_an_example_runs_as_it_stands(workplace, name):
 
 
 def test_there_are_examples():
-    assert sum(map(bool, EXAMPLES.values())) == 8
+    assert sum(map(bool, EXAMPLES.values())) == 9
 
 
 @pytest.mark.filterwarnings("error")

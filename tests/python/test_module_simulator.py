@@ -325,6 +325,39 @@ def test_copies_step_each_their_sequence_in_threads(slider, cylinder, slides):
             same(ours.sample(), theirs.sample())
 
 
+def test_sensors_step_together_as_alone(slider, cylinder, slides):
+    array = gelsim.Array([slider, "gelsight-mini", slider, slider], "draft", threads=2)
+    assert len(array) == 4 and array[2] is not slider and array[1].fidelity == "draft" and "digit" in repr(array)
+    frictions = list(slides)
+    array.reset(seed=3)
+    for number, friction in zip((0, 2, 3), frictions, strict=True):
+        array[number].reset(friction=friction)
+    for number in range(8):
+        pose = gelsim.Pose(0.4, x_mm=0.15 * max(0, number - 1))
+        poses = [pose, gelsim.Pose(0.2), pose, pose]
+        # What cannot be pressed on one sensor changes none of them.
+        said = refusal(gelsim.UsageError, lambda poses=poses: array.step(cylinder, [gelsim.Pose(9.0), *poses[1:3], gelsim.Pose(8.0)]))
+        assert "sensor 0: " in said and "9.000 mm" in said and "sensor 3: " in said and "8.000 mm" in said, said
+        said = refusal(gelsim.UsageError, lambda: array.step(cylinder, gelsim.Pose(9.0)))
+        assert said.startswith("sensors 0, 1, 2, 3: ") and said.count("deep") == 2, said
+        found = array.step([cylinder, BALL, cylinder, cylinder], poses)
+        assert [press.frame for press in found] == [number] * 4
+        for press, friction in zip((found[0], found[2], found[3]), frictions, strict=True):
+            same(press.sample(), slides[friction][number].sample())
+
+
+def test_sensors_of_an_array_have_noise_of_their_own(cylinder):
+    noisy = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set={"camera.read_noise_levels": 2.0})
+    array = gelsim.Array([noisy, noisy])
+    for index, seed in [(0, 0), (5, 7)]:
+        array.reset(index=index, seed=seed)
+        left, right = array.step(cylinder, gelsim.Pose(0.4))
+        assert not np.array_equal(left.image, right.image) and np.array_equal(left.depth, right.depth)
+        alone = noisy.copy()
+        alone.reset(index=index + 1, seed=seed)
+        assert np.array_equal(right.image, alone.step(cylinder, gelsim.Pose(0.4)).image)
+
+
 def test_a_pad_that_relaxes_holds_with_less_force_the_longer_it_is_held(cylinder):
     relaxation = {"gelpad.relaxation": [{"share": 0.3, "time_s": 0.5}]}
     simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set=relaxation)
@@ -458,6 +491,12 @@ SOFT = {"youngs_modulus_kpa": 9.0}
     "a sequence at finite strain": (lambda _: strained().step(BALL, SHALLOW), gelsim.UsageError, "the frames of a sequence"),
     "a friction at finite strain": (lambda _: strained().press(BALL, SHALLOW, friction=0.5), gelsim.UsageError, "sticks"),
     "finite strain on a curved gel": (simulator("geltip", "finite-strain"), gelsim.UsageError, 'fidelity = "high"'),
+    "no sensors": (lambda _: gelsim.Array([]), gelsim.UsageError, "there is none"),
+    "one sensor for a list": (lambda _: gelsim.Array("digit"), TypeError, "a list of simulators"),
+    "no threads": (lambda draft: gelsim.Array([draft], threads=0), gelsim.UsageError, "threads=0"),
+    "poses for other sensors": (lambda draft: gelsim.Array([draft]).step(BALL, [SHALLOW] * 2), gelsim.UsageError, "for 1 sensor"),
+    "objects for other sensors": (lambda draft: gelsim.Array([draft]).step([], SHALLOW), gelsim.UsageError, "there are 0"),
+    "an array's step without a pose": (lambda draft: gelsim.Array([draft]).step(BALL, None), gelsim.UsageError, "needs a pose"),
     "a mistyped preset": (simulator("digti"), gelsim.UsageError, "did you mean `digit`?"),
     "an absent sensor": (simulator("absent.toml"), gelsim.UsageError, "absent.toml"),
     "no level": (simulator("digit", "fine"), gelsim.UsageError, "fidelity level"),
