@@ -63,7 +63,8 @@ class Placement:
     """Where an object is, as a physics engine says it: a point q of the mesh (mm) is at R q + t in the sensor's frame.
 
     That frame has x to the right in the image, y down, z out of the pad; its origin is the middle of the image on the untouched
-    pad. What reaches below z = 0 is in the pad. Labels have `pose` in the same numbers.
+    pad. What reaches below z = 0 is in a flat pad; on a gel that has a shape the object may be anywhere around it. Labels have `pose`
+    in the same numbers.
     """
 
     translation_mm: tuple[float, float, float]

@@ -10,7 +10,7 @@ use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::gelpad::planar::PlanarMotion;
 use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::{PadPlane, Pose};
+use gelsim_core::pose::Pose;
 use gelsim_core::simulator::Simulator;
 use gelsim_dataset::frames::sequence::{find_lowest_point, motion_between, turn_rad};
 use gelsim_job::plan::Plan;
@@ -232,14 +232,17 @@ fn render_next_frame(
     (begun, moving): (SequenceStart, Option<Box<MovingSequence>>),
     Step { object, texture, duration_s }: Step,
 ) -> (Box<MovingSequence>, Pressing) {
-    let (pose, depth_mm, shape) = (object.pose, object.depth_mm, object.shape.clone());
+    let (pose, depth_mm, shape, tangent) = (object.pose, object.depth_mm, object.shape.clone(), object.plane);
     let drawn = build_scene(plan, begun.index, object, texture);
     let mut moving = moving.unwrap_or_else(|| {
         let simulator = drawn.simulator(plan);
         let sliding = simulator.sliding(begun.friction).expect("the model knows tractions");
         let placement = TexturePlacement::at_pose(&pose);
         // In the first frame the object comes straight down to its pose.
-        let last = shape.clusters().map_or(pose, |mesh| pose.lowered(0.0, mesh));
+        let last = match tangent {
+            Some(plane) => Pose { translation_mm: pose.translation_mm + depth_mm * plane.axes.z_axis, ..pose },
+            None => shape.clusters().map_or(pose, |mesh| pose.lowered(0.0, mesh)),
+        };
         Box::new(MovingSequence {
             begun,
             first_scene: drawn.clone(),
@@ -257,14 +260,14 @@ fn render_next_frame(
         0 => noise_key,
         frame => rng::random_stream(noise_key, "sequence frame noise", frame).next_bits(),
     };
-    let Scene { pressed, pose, indentation_depth_mm, motion, texture, .. } = drawn;
-    let mut scene =
-        Scene { pressed, pose, over_plane: pose, indentation_depth_mm, motion, texture, ..moving.first_scene.clone() };
+    let Scene { pressed, pose, plane, indentation_depth_mm, motion, texture, .. } = drawn;
+    let first = moving.first_scene.clone();
+    let mut scene = Scene { pressed, pose, over_plane: pose, plane, indentation_depth_mm, motion, texture, ..first };
     scene.camera.noise_key = noise_key;
     let mut press = scene.to_press(plan);
     press.texture = press.texture.map(|texture| texture.with_placement(moving.texture_placement));
     press.shear = None;
-    let steps = moving.plan_steps(plan, &scene, depth_mm, duration_s);
+    let steps = moving.plan_steps(plan, &scene, (depth_mm, tangent.is_some()), duration_s);
     let impression = moving.simulator.press_next(&press, &steps, &mut moving.sliding);
     let sample = label_sample(plan, &scene, Arc::clone(&moving.simulator), impression);
     let sliding = sample.impression.sliding.as_ref();
@@ -279,21 +282,25 @@ impl MovingSequence {
     fn check_step(&self, plan: &Plan, object: &PlacedObject) -> PyResult<()> {
         // Heights cannot be turned on the way, so a height map gets a single step.
         let most = if matches!(object.shape, Shape::Mesh(_)) { MAX_STEPS } else { 2.0 };
-        if self.count_longest_steps(plan, &object.shape, &object.pose) <= most + 1e-9 {
+        let normal = object.plane.unwrap_or_default().axes.z_axis;
+        if self.count_longest_steps(plan, &object.shape, &object.pose, normal) <= most + 1e-9 {
             return Ok(());
         }
-        let turn_deg = turn_rad(self.last_pose, object.pose, DVec3::Z).to_degrees();
-        let message = format!("the object has turned too far since the frame before ({turn_deg:.1} degrees about z)");
+        let turn_deg = turn_rad(self.last_pose, object.pose, normal).to_degrees();
+        let about = if normal == DVec3::Z { "z" } else { "the gel's normal" };
+        let message =
+            format!("the object has turned too far since the frame before ({turn_deg:.1} degrees about {about})");
         Err(mistake_error(
             message,
             "give frames between, in which it turns by 10 degrees at most; reset() begins another sequence",
         ))
     }
 
-    /// Returns how many of the longest allowed steps lead from the last pose to another; a fraction of one for less.
-    fn count_longest_steps(&self, plan: &Plan, shape: &Shape, to: &Pose) -> f64 {
-        let tilt_deg =
-            (to.rotation * self.last_pose.rotation.transpose()).z_axis.z.clamp(-1.0, 1.0).acos().to_degrees();
+    /// Returns how many of the longest allowed steps lead from the last pose to another on a pad with this normal; a
+    /// fraction of one for less.
+    fn count_longest_steps(&self, plan: &Plan, shape: &Shape, to: &Pose, normal: DVec3) -> f64 {
+        let turned = to.rotation * self.last_pose.rotation.transpose() * normal;
+        let tilt_deg = turned.dot(normal).clamp(-1.0, 1.0).acos().to_degrees();
         let longest_mm = longest_mm(plan);
         let radius_mm = match shape.clusters() {
             Some(mesh) => {
@@ -304,15 +311,22 @@ impl MovingSequence {
             None => longest_mm,
         };
         let most_tilt_deg = (longest_mm / ROLLING_PX / radius_mm).to_degrees().clamp(0.05, MAX_TURN_DEG);
-        let turn_deg = turn_rad(self.last_pose, *to, DVec3::Z).to_degrees().abs();
+        let turn_deg = turn_rad(self.last_pose, *to, normal).to_degrees().abs();
         (turn_deg / MAX_TURN_DEG).max(tilt_deg / most_tilt_deg)
     }
 
-    /// Plans the steps from the last frame to the pose of a scene, as a job's sequences do.
-    fn plan_steps(&self, plan: &Plan, scene: &Scene, depth_mm: f64, duration_s: f64) -> Vec<ObjectStep> {
+    /// Plans the steps from the last frame to the pose of a scene, as a job's sequences do. With `on_gel`, the object may
+    /// be anywhere on a gel that has a shape.
+    fn plan_steps(
+        &self,
+        plan: &Plan,
+        scene: &Scene,
+        (depth_mm, on_gel): (f64, bool),
+        duration_s: f64,
+    ) -> Vec<ObjectStep> {
         let PressSource::Frame(DepthFrame { shape, .. }) = &scene.pressed else { return Vec::new() };
         let (from, from_mm, to) = (self.last_pose, self.last_depth_mm, scene.pose);
-        let plane = PadPlane::default();
+        let plane = scene.plane;
         let Some(mesh) = shape.clusters() else {
             let lowest = match shape {
                 Shape::HeightMap(map) => find_lowest_point(map, plan.simulator.view()),
@@ -321,9 +335,9 @@ impl MovingSequence {
             let motion = lowest.map_or_else(PlanarMotion::default, |now| motion_between(from, to, now, &plane));
             return vec![ObjectStep { pose: to, depth_mm, motion, duration_s }];
         };
-        let mut way = self.count_longest_steps(plan, shape, &to);
+        let mut way = self.count_longest_steps(plan, shape, &to, plane.axes.z_axis);
         if !plan.simulator.sensor().relaxation.is_empty() {
-            let shift_mm = (to.translation_mm - from.translation_mm).truncate().length();
+            let shift_mm = (plane.axes.transpose() * (to.translation_mm - from.translation_mm)).truncate().length();
             way = way.max(count_relaxing_steps(longest_mm(plan), shift_mm, [from_mm, depth_mm]));
         }
         // A step ends just after the first touch, so that friction begins near its true place.
@@ -343,9 +357,12 @@ impl MovingSequence {
                     let depth_mm = from_mm + (depth_mm - from_mm) * share;
                     let rotation = DMat3::from_quat(from_turn.slerp(to_turn, share));
                     let translation_mm = from.translation_mm.lerp(to.translation_mm, share);
-                    (Pose { rotation, translation_mm, ..to }.lowered(0.0 - depth_mm, mesh), depth_mm)
+                    let between = Pose { rotation, translation_mm, ..to };
+                    (if on_gel { between } else { between.lowered(0.0 - depth_mm, mesh) }, depth_mm)
                 };
-                let motion = motion_between(before, pose, lowest_point(mesh, &pose), &plane);
+                let deepest =
+                    if on_gel { deepest_point(&self.simulator, mesh, &pose) } else { lowest_point(mesh, &pose) };
+                let motion = motion_between(before, pose, deepest, &plane);
                 let duration_s = duration_s * (end - start) / f64::from(count);
                 steps.push(ObjectStep { pose, depth_mm, motion, duration_s });
                 before = pose;
@@ -360,6 +377,12 @@ impl MovingSequence {
 fn longest_mm(plan: &Plan) -> f64 {
     let view = plan.simulator.view();
     (0..2).map(|k| view.resolution_px[k] as f64 * view.mm_per_px[k]).fold(0.0, f64::max)
+}
+
+/// Returns the point of a placed mesh that is deepest in a gel, or nearest to it, mm.
+fn deepest_point(simulator: &Simulator, mesh: &Clusters, pose: &Pose) -> DVec3 {
+    let (plane, depth_mm) = simulator.find_contact_plane(mesh, pose);
+    plane.origin_mm - depth_mm * plane.axes.z_axis
 }
 
 /// Returns the lowest point of a placed mesh, mm.

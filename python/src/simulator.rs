@@ -15,7 +15,7 @@ use gelsim_core::gelpad::elastic::shear::{Friction, Motion};
 use gelsim_core::gelpad::tangential::Shear;
 use gelsim_core::impression::Impression;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::pose::{Anchor, Angles, Pose, Side};
+use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
 use gelsim_core::simulator::Simulator;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_job::label::Label;
@@ -109,15 +109,19 @@ pub struct PlacedObject {
     name: String,
     pub shape: Shape,
     pub pose: Pose,
-    /// Depth of its lowest point, mm; 0 or less without contact.
+    /// How deep it reaches into the pad, mm; 0 or less without contact.
     pub depth_mm: f64,
+    /// The plane along whose normal that is, if the object may be anywhere on a gel that has a shape.
+    pub plane: Option<PadPlane>,
     /// Point about which a shear turns it, mm.
     about_mm: [f64; 2],
 }
 
 impl ObjectPlace {
-    /// Returns the pose of a mesh, its depth, mm, and the point about which it turns, mm.
-    fn resolve_for_mesh(&self, clusters: &Clusters) -> PyResult<(Pose, f64, [f64; 2])> {
+    /// Places a mesh. A `Pose` presses it along z, as a job does; a `Placement` may be anywhere on a gel that has a shape.
+    fn place_mesh(&self, name: &str, clusters: &Arc<Clusters>, simulator: &Simulator) -> PyResult<PlacedObject> {
+        let shape = Shape::Mesh(Arc::clone(clusters));
+        let name = name.to_owned();
         match self {
             Self::Posed(PoseArgument { depth_mm, x_mm, y_mm, yaw_deg, tilt_deg, tilt_azimuth_deg, face, anchor }) => {
                 let side = find_by_name("face", face, ["+x", "-x", "+y", "-y", "+z", "-z"].into_iter().zip(SIDES))?;
@@ -126,12 +130,15 @@ impl ObjectPlace {
                 let [yaw_deg, tilt_deg, tilt_azimuth_deg] = [*yaw_deg, *tilt_deg, *tilt_azimuth_deg];
                 let angles = Angles { yaw_deg, tilt_deg, tilt_azimuth_deg };
                 let pose = Pose::new(side, angles, [*x_mm, *y_mm], anchor, 0.0 - depth_mm, clusters);
-                check_finite_pose(&pose).map(|pose| (pose, *depth_mm, [*x_mm, *y_mm]))
+                let (pose, depth_mm, about_mm) = (check_finite_pose(&pose)?, *depth_mm, [*x_mm, *y_mm]);
+                Ok(PlacedObject { name, shape, pose, depth_mm, about_mm, plane: None })
             }
             Self::Placed(placed) => {
                 let pose = placed.to_pose()?;
                 let DVec3 { x, y, .. } = pose.translation_mm;
-                Ok((pose, 0.0 - pose.lowest_mm(clusters), [x, y]))
+                let (plane, depth_mm) = simulator.find_contact_plane(clusters, &pose);
+                let plane = simulator.sensor().shape.is_some().then_some(plane);
+                Ok(PlacedObject { name, shape, pose, depth_mm, about_mm: [x, y], plane })
             }
         }
     }
@@ -168,13 +175,12 @@ impl Engine {
             let clusters = &mesh.get().clusters;
             let help = "pose=gelsim.Pose(0.5) presses it in by 0.5 mm, in the middle of the image";
             let place = place.ok_or_else(|| mistake_error("a mesh needs a pose", help))?;
-            let (pose, depth_mm, about_mm) = place.resolve_for_mesh(clusters)?;
-            if depth_mm > thickness_mm {
-                let message = format!("the object is {depth_mm:.3} mm deep in a pad of {thickness_mm} mm");
+            let object = place.place_mesh(name, clusters, &self.plan.simulator)?;
+            if object.depth_mm > thickness_mm {
+                let message = format!("the object is {:.3} mm deep in a pad of {thickness_mm} mm", object.depth_mm);
                 return Err(mistake_error(message, "press it less deep, or move the pose out of the pad, along z"));
             }
-            let shape = Shape::Mesh(Arc::clone(clusters));
-            return Ok(PlacedObject { name: name.to_owned(), shape, pose, depth_mm, about_mm });
+            return Ok(object);
         }
         let sensor = self.plan.simulator.sensor();
         if sensor.shape.is_some() {
@@ -217,7 +223,7 @@ impl Engine {
         };
         let (depth_mm, DVec3 { x, y, .. }) = (map.indentation_depth_mm(), pose.translation_mm);
         let shape = Shape::HeightMap(Arc::new(map));
-        Ok(PlacedObject { name: name.to_owned(), shape, pose, depth_mm, about_mm: [x, y] })
+        Ok(PlacedObject { name: name.to_owned(), shape, pose, depth_mm, about_mm: [x, y], plane: None })
     }
 
     /// Returns a texture as it was asked for. The relief of a pattern is made once.
@@ -248,7 +254,7 @@ impl Engine {
 
 /// Makes the scene of an object, with everything else drawn as for sample `index`.
 pub fn build_scene(plan: &Plan, index: u64, object: PlacedObject, texture: Option<DrawnTexture>) -> Scene {
-    let PlacedObject { name, shape, pose, depth_mm, about_mm } = object;
+    let PlacedObject { name, shape, pose, depth_mm, about_mm, plane } = object;
     let pressed = PressSource::Frame(DepthFrame { id: name, class: String::new(), shape });
     let indentation_depth_mm = depth_mm.max(0.0);
     let mut scene = Scene::from_known_press(
@@ -258,6 +264,7 @@ pub fn build_scene(plan: &Plan, index: u64, object: PlacedObject, texture: Optio
         KnownPress { split: Split::Train, pressed, pose, indentation_depth_mm },
     );
     scene.motion.about_mm = about_mm;
+    scene.plane = plane.unwrap_or_default();
     scene.texture = texture.or(scene.texture);
     scene
 }

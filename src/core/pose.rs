@@ -99,6 +99,13 @@ impl PadPlane {
         self.axes.transpose() * (point_mm - self.origin_mm)
     }
 
+    /// Returns the plane that touches a gel at a point, mm, where the gel has this normal. Its axes are the sensor's,
+    /// turned the shortest way.
+    pub fn tangent_at(point_mm: DVec3, normal: DVec3) -> Self {
+        let axes = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, normal.normalize()));
+        Self { axes, origin_mm: point_mm }
+    }
+
     /// Converts a pose over this plane to the sensor's frame.
     pub fn pose_in_sensor(&self, over: Pose) -> Pose {
         // The flat pad's plane returns the pose as it is, so that no bit changes.

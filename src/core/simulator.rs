@@ -30,6 +30,7 @@ use crate::gelpad::tangential::{Shear, solve_tangential_motion};
 use crate::gelpad::total_contact::measure_total_contact;
 use crate::gelpad::{self, Contact, Pad, subpixel};
 use crate::impression::{Impression, SlidingState};
+use crate::mesh::clusters::Clusters;
 use crate::optics::background::BackgroundImage;
 use crate::optics::light_error::LightError;
 use crate::optics::{Shader, lamps};
@@ -209,6 +210,14 @@ impl Simulator {
             }
         }
         press.check_finite()
+    }
+
+    /// Finds where a mesh comes closest to the pad. Returns the plane that touches the pad there, and how far the mesh
+    /// reaches below it, mm; negative if it does not. On a flat pad this is the pad's own plane.
+    pub fn find_contact_plane(&self, mesh: &Clusters, pose: &Pose) -> (PadPlane, f64) {
+        let Some(curved) = &self.curved else { return (PadPlane::default(), 0.0 - pose.lowest_mm(mesh)) };
+        let (site, reaches_mm) = curved.find_deepest_site(mesh, pose, self.sensor.gelpad.thickness_mm);
+        (PadPlane::tangent_at(site.point_mm, site.normal), reaches_mm)
     }
 
     /// Returns the normal force of the entire object on the pad, in view and outside it, N; `None` where it is not

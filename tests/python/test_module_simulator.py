@@ -358,6 +358,64 @@ def test_sensors_of_an_array_have_noise_of_their_own(cylinder):
         assert np.array_equal(right.image, alone.step(cylinder, gelsim.Pose(0.4)).image)
 
 
+@pytest.fixture(scope="module")
+def geltip():
+    return gelsim.Simulator("geltip", "draft", resolution_px=(160, 120), flow=True)
+
+
+GELTIP_RADIUS_MM, BALL_RADIUS_MM, DEPTH_MM = 11.485, 3.9982, 0.4
+
+
+def beside(angle, down_mm=0.0, depth_mm=DEPTH_MM):
+    """A ball, 8 mm wide with its origin at the bottom, at the side of a GelTip: at an angle about its axis, with its middle 16 mm
+    below the tip's."""
+    away_mm = GELTIP_RADIUS_MM + BALL_RADIUS_MM - depth_mm
+    return gelsim.Placement((away_mm * np.cos(angle), away_mm * np.sin(angle), -20.0 - down_mm))
+
+
+def about_z(angle, wrench):
+    """A wrench turned about z."""
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    return np.concatenate([turn @ wrench[:3], turn @ wrench[3:]])
+
+
+def test_an_object_may_be_at_the_side_of_a_fingertip(geltip):
+    ball = gelsim.Mesh.load(BALL)
+    first = geltip.press(ball, beside(0.0))
+    assert first.in_contact and abs(first.label["indentation_depth_mm"] - DEPTH_MM) < 0.002 and first.wrench[0] < -0.1
+    # Facets of the ball and of the grid differ from angle to angle.
+    for angle in (0.5 * np.pi, 2.0, -2.5):
+        press = geltip.press(ball, beside(angle))
+        assert np.allclose(press.wrench, about_z(angle, first.wrench), atol=0.02 * np.abs(first.wrench).max()), angle
+    gap = geltip.press(ball, beside(0.3, depth_mm=-0.1))
+    assert not gap.in_contact and gap.label["indentation_depth_mm"] == 0.0
+    said = refusal(gelsim.UsageError, lambda: geltip.press(ball, beside(1.0, depth_mm=2.6)))
+    assert "2.5" in said and "2.6" in said, said
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5 * np.pi, 2.0])
+def test_an_object_slides_at_the_side_of_a_fingertip(geltip, angle):
+    ball = gelsim.Mesh.load(BALL)
+    for down_mm, around in ((0.1, 0.0), (0.0, 0.1 / GELTIP_RADIUS_MM)):
+        geltip.reset(friction=0.4)
+        for number in range(9):
+            press = geltip.step(ball, beside(angle + around * number, down_mm * number))
+        into, right, out = about_z(-angle - 8 * around, press.wrench)[:3] * [-1.0, 1.0, -1.0]
+        pulls = {"down": out, "around": right}
+        along = pulls.pop("down" if down_mm else "around")
+        assert press.slip_state == "gross" and abs(along / into - 0.4) < 0.03, press.wrench
+        assert abs(pulls.popitem()[1]) < 0.03 * into, press.wrench
+
+
+def test_a_placement_at_the_tip_slides_as_a_pose(geltip):
+    ball = gelsim.Mesh.load(BALL)
+    slides = []
+    for place in (lambda x: gelsim.Pose(DEPTH_MM, x_mm=x), lambda x: gelsim.Placement((x, 0.0, -DEPTH_MM))):
+        geltip.reset(friction=0.4)
+        slides.append([geltip.step(ball, place(0.05 * number)).wrench for number in range(9)])
+    assert np.allclose(slides[0], slides[1], atol=0.03 * np.abs(slides[0]).max())
+
+
 def test_a_pad_that_relaxes_holds_with_less_force_the_longer_it_is_held(cylinder):
     relaxation = {"gelpad.relaxation": [{"share": 0.3, "time_s": 0.5}]}
     simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set=relaxation)

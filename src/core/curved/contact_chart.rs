@@ -23,7 +23,7 @@ const TIP_CHART_ANGLE: f64 = 0.2;
 impl CurvedGel {
     /// Finds where the object comes closest to the gel's axis. Returns the point of the gel on the way there, and how
     /// far the object reaches below it, mm. On a mesh, returns the point where the object reaches deepest.
-    pub(super) fn find_deepest_site(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Site, f64) {
+    pub(crate) fn find_deepest_site(&self, object: &Clusters, pose: &Pose, thickness_mm: f64) -> (Site, f64) {
         if object.is_empty() {
             return (self.shape.tip(), f64::NEG_INFINITY);
         }

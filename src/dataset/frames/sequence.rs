@@ -3,11 +3,10 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 
 use super::poses::FrameMetadata;
 use super::reader::SeenFrame;
-use gelsim_core::base::gel::Site;
 use gelsim_core::base::view::View;
 use gelsim_core::depth::height_map::HeightMap;
 use gelsim_core::depth::texture::TexturePlacement;
@@ -72,7 +71,7 @@ impl SequenceFollower {
                 (PadPlane::default(), Some(find_lowest_point(map, plan.simulator.view()).unwrap_or_default()))
             }
             SeenFrame::Gel(frame) => match frame.deepest_contact() {
-                Some((site, point_mm)) => (tangent_plane(site), Some(point_mm)),
+                Some((site, point_mm)) => (PadPlane::tangent_at(site.point_mm, site.normal), Some(point_mm)),
                 // Without contact there is no lowest point, and nothing can rub.
                 None => (PadPlane::default(), None),
             },
@@ -127,12 +126,6 @@ pub fn find_lowest_point(map: &HeightMap, view: &View) -> Option<DVec3> {
         }
     }
     Some(DVec3::new(sum[0] / count, sum[1] / count, f64::from(lowest)))
-}
-
-/// Returns the tangent plane of a gel at a point.
-fn tangent_plane(site: Site) -> PadPlane {
-    let axes = DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Z, site.normal.normalize()));
-    PadPlane { axes, origin_mm: site.point_mm }
 }
 
 /// Returns the angle by which an object turns about the pad's normal from one pose to the next, rad, from -pi to pi.
