@@ -311,10 +311,11 @@ class Simulator:
         - a `Mesh`, the path of a mesh file, arrays `(vertices_mm, faces)`, or what has `vertices` and `faces`, as trimesh's; what is
           no `Mesh` is made ready anew in each call;
         - an array (H, W), float32 or float64, of the simulator's resolution: how far the object reaches below the untouched pad, mm,
-          0 or -inf where nothing is, negative where it is above (as `Sensor.render` takes it).
+          0 or -inf where nothing is, negative where it is above (as `Sensor.render` takes it). On a sensor whose gel has a shape it is
+          a depth frame of a camera where the lens is: distances along the lens's axis, mm, inf where nothing is.
 
         `pose` says where a mesh is: `Pose(depth_mm, x_mm, y_mm, yaw_deg, ...)`, or `Placement` with a translation and a quaternion.
-        Heights need none.
+        Heights and depth frames need none.
 
         `texture` is cut into the object; `shear` moves it in the pad's plane after it was pressed in. `friction` is the coefficient
         between pad and object, 0 to 10; without it nothing slips. `youngs_modulus_kpa` and `poisson_ratio` are the object's own:

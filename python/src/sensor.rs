@@ -14,7 +14,7 @@ use gelsim_core::optics::led::Led;
 use gelsim_core::pose::Pose;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
-use gelsim_dataset::frames::reader::FrameReader;
+use gelsim_dataset::frames::reader::{FrameReader, SeenFrame};
 use gelsim_dataset::frames::run::render_frame_sample;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::sensor::PRESETS;
@@ -271,7 +271,7 @@ impl Sensor {
 }
 
 /// A depth camera where the sensor's lens is, in millimetres.
-const FROM_LENS: DepthCamera = DepthCamera {
+pub const FROM_LENS: DepthCamera = DepthCamera {
     unit: DepthUnit::Millimetre,
     plane_mm: 0.0,
     max_depth_mm: None,
@@ -281,6 +281,25 @@ const FROM_LENS: DepthCamera = DepthCamera {
     projection: DepthProjection::Orthographic,
     along: DistanceAlong::Axis,
 };
+
+/// Reads depth frame `number` of an input, of a camera where the sensor's lens is. Raises UsageError for distances that
+/// cannot be right.
+pub fn read_distances<'a>(reader: &'a FrameReader, depth: &DepthMaps<'_>, number: usize) -> PyResult<SeenFrame<'a>> {
+    let of_frame = |problem: Diagnostic, help: &str| {
+        let which = depth.batch_size().map_or_else(String::new, |_| format!("map {number}: "));
+        mistake_error(format!("{which}{}", problem.message), help)
+    };
+    let seen = reader.read(depth.distances(number)).map_err(|problem| {
+        of_frame(problem, "depth_mm is the distance from the lens, above 0; where nothing is, write inf")
+    })?;
+    match seen.reach().find_error(&FROM_LENS) {
+        None => Ok(seen),
+        Some(problem) => {
+            let help = "depth_mm is the distance from the lens in mm, along its axis unless along=\"ray\"";
+            Err(of_frame(problem, help))
+        }
+    }
+}
 
 /// Renders depth frame `number` of an input inside a gel that has a shape, as sample `index`.
 fn render_distances(
@@ -292,17 +311,7 @@ fn render_distances(
 ) -> PyResult<Arrays> {
     let plan = &ready.plan;
     let rendered = catch_unwind(AssertUnwindSafe(|| {
-        let of_frame = |problem: Diagnostic, help: &str| {
-            let which = depth.batch_size().map_or_else(String::new, |_| format!("map {number}: "));
-            mistake_error(format!("{which}{}", problem.message), help)
-        };
-        let seen = reader.read(depth.distances(number)).map_err(|problem| {
-            of_frame(problem, "depth_mm is the distance from the lens, above 0; where nothing is, write inf")
-        })?;
-        if let Some(problem) = seen.reach().find_error(&FROM_LENS) {
-            let help = "depth_mm is the distance from the lens in mm, along its axis unless along=\"ray\"";
-            return Err(of_frame(problem, help));
-        }
+        let seen = read_distances(reader, depth, number)?;
         Ok(Arrays::new(plan, render_frame_sample(plan, index, "depth_mm", seen, None)))
     }));
     rendered.unwrap_or_else(|panic| Err(map_panic_error(plan, number, index, &*panic)))

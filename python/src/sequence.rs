@@ -12,9 +12,9 @@ use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Pose;
 use gelsim_core::simulator::Simulator;
-use gelsim_dataset::frames::sequence::{find_lowest_point, motion_between, turn_rad};
+use gelsim_dataset::frames::sequence::{motion_between, turn_rad};
 use gelsim_job::plan::Plan;
-use gelsim_job::scene::{DepthFrame, DrawnTexture, PressSource, Scene};
+use gelsim_job::scene::{DrawnTexture, Scene};
 use gelsim_job::sequence::label::FrameLabel;
 use gelsim_job::sequence::motion::count_relaxing_steps;
 use glam::{DMat3, DQuat, DVec3};
@@ -25,7 +25,9 @@ use crate::arguments::{OptionalArgument, extract_number, extract_whole_number};
 use crate::errors::{mistake_error, name_sensors, panic_error, runtime_error};
 use crate::job::ALLOWED_SEEDS;
 use crate::sensor::ALLOWED_INDICES;
-use crate::simulator::{Engine, ObjectPlace, PlacedObject, Pressing, TextureArgument, build_scene, label_sample};
+use crate::simulator::{
+    Engine, ObjectPlace, ObjectSite, PlacedObject, Pressing, TextureArgument, build_scene, label_sample,
+};
 use crate::threads::{extract_thread_count, shared_pool};
 
 /// A contact rolls in one step by at most the longer side of the view over this.
@@ -232,7 +234,9 @@ fn render_next_frame(
     (begun, moving): (SequenceStart, Option<Box<MovingSequence>>),
     Step { object, texture, duration_s }: Step,
 ) -> (Box<MovingSequence>, Pressing) {
-    let (pose, depth_mm, shape, tangent) = (object.pose, object.depth_mm, object.shape.clone(), object.plane);
+    let site = object.site;
+    let ObjectSite { pose, depth_mm, plane: tangent, .. } = site;
+    let shape = object.shape.clone();
     let drawn = build_scene(plan, begun.index, object, texture);
     let mut moving = moving.unwrap_or_else(|| {
         let simulator = drawn.simulator(plan);
@@ -267,7 +271,7 @@ fn render_next_frame(
     let mut press = scene.to_press(plan);
     press.texture = press.texture.map(|texture| texture.with_placement(moving.texture_placement));
     press.shear = None;
-    let steps = moving.plan_steps(plan, &scene, (depth_mm, tangent.is_some()), duration_s);
+    let steps = moving.plan_steps(plan, &shape, &site, duration_s);
     let impression = moving.simulator.press_next(&press, &steps, &mut moving.sliding);
     let sample = label_sample(plan, &scene, Arc::clone(&moving.simulator), impression);
     let sliding = sample.impression.sliding.as_ref();
@@ -282,11 +286,11 @@ impl MovingSequence {
     fn check_step(&self, plan: &Plan, object: &PlacedObject) -> PyResult<()> {
         // Heights cannot be turned on the way, so a height map gets a single step.
         let most = if matches!(object.shape, Shape::Mesh(_)) { MAX_STEPS } else { 2.0 };
-        let normal = object.plane.unwrap_or_default().axes.z_axis;
-        if self.count_longest_steps(plan, &object.shape, &object.pose, normal) <= most + 1e-9 {
+        let normal = object.site.plane.unwrap_or_default().axes.z_axis;
+        if self.count_longest_steps(plan, &object.shape, &object.site.pose, normal) <= most + 1e-9 {
             return Ok(());
         }
-        let turn_deg = turn_rad(self.last_pose, object.pose, normal).to_degrees();
+        let turn_deg = turn_rad(self.last_pose, object.site.pose, normal).to_degrees();
         let about = if normal == DVec3::Z { "z" } else { "the gel's normal" };
         let message =
             format!("the object has turned too far since the frame before ({turn_deg:.1} degrees about {about})");
@@ -315,24 +319,13 @@ impl MovingSequence {
         (turn_deg / MAX_TURN_DEG).max(tilt_deg / most_tilt_deg)
     }
 
-    /// Plans the steps from the last frame to the pose of a scene, as a job's sequences do. With `on_gel`, the object may
-    /// be anywhere on a gel that has a shape.
-    fn plan_steps(
-        &self,
-        plan: &Plan,
-        scene: &Scene,
-        (depth_mm, on_gel): (f64, bool),
-        duration_s: f64,
-    ) -> Vec<ObjectStep> {
-        let PressSource::Frame(DepthFrame { shape, .. }) = &scene.pressed else { return Vec::new() };
-        let (from, from_mm, to) = (self.last_pose, self.last_depth_mm, scene.pose);
-        let plane = scene.plane;
-        let Some(mesh) = shape.clusters() else {
-            let lowest = match shape {
-                Shape::HeightMap(map) => find_lowest_point(map, plan.simulator.view()),
-                _ => None,
-            };
-            let motion = lowest.map_or_else(PlanarMotion::default, |now| motion_between(from, to, now, &plane));
+    /// Plans the steps from the last frame to the next, as a job's sequences do.
+    fn plan_steps(&self, plan: &Plan, shape: &Shape, site: &ObjectSite, duration_s: f64) -> Vec<ObjectStep> {
+        let ObjectSite { pose: to, depth_mm, plane: tangent, deepest_mm } = *site;
+        let (from, from_mm, plane) = (self.last_pose, self.last_depth_mm, tangent.unwrap_or_default());
+        // What a frame shows cannot be seen from elsewhere, so it gets a single step.
+        let Shape::Mesh(mesh) = shape else {
+            let motion = deepest_mm.map_or_else(PlanarMotion::default, |now| motion_between(from, to, now, &plane));
             return vec![ObjectStep { pose: to, depth_mm, motion, duration_s }];
         };
         let mut way = self.count_longest_steps(plan, shape, &to, plane.axes.z_axis);
@@ -358,10 +351,13 @@ impl MovingSequence {
                     let rotation = DMat3::from_quat(from_turn.slerp(to_turn, share));
                     let translation_mm = from.translation_mm.lerp(to.translation_mm, share);
                     let between = Pose { rotation, translation_mm, ..to };
-                    (if on_gel { between } else { between.lowered(0.0 - depth_mm, mesh) }, depth_mm)
+                    (if tangent.is_some() { between } else { between.lowered(0.0 - depth_mm, mesh) }, depth_mm)
                 };
-                let deepest =
-                    if on_gel { deepest_point(&self.simulator, mesh, &pose) } else { lowest_point(mesh, &pose) };
+                let deepest = if tangent.is_some() {
+                    deepest_point(&self.simulator, mesh, &pose)
+                } else {
+                    lowest_point(mesh, &pose)
+                };
                 let motion = motion_between(before, pose, deepest, &plane);
                 let duration_s = duration_s * (end - start) / f64::from(count);
                 steps.push(ObjectStep { pose, depth_mm, motion, duration_s });

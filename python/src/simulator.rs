@@ -2,7 +2,7 @@
 //! `python/gelsim/simulator.py` has the class that users see.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use gelsim_core::base::clock::Seconds;
 use gelsim_core::depth::height_map::HeightMap;
@@ -18,6 +18,8 @@ use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, PadPlane, Pose, Side};
 use gelsim_core::simulator::Simulator;
 use gelsim_dataset::encode::to_json_line;
+use gelsim_dataset::frames::reader::{FrameReader, SeenFrame};
+use gelsim_dataset::frames::sequence::find_lowest_point;
 use gelsim_job::label::Label;
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::layout::Split;
@@ -35,7 +37,7 @@ use crate::depth::DepthMaps;
 use crate::errors::{emit_warnings, find_by_name, mistake_error, panic_error, runtime_error, usage_error};
 use crate::job::ALLOWED_SEEDS;
 use crate::mesh::ReadyMesh;
-use crate::sensor::{ALLOWED_INDICES, Sensor};
+use crate::sensor::{ALLOWED_INDICES, FROM_LENS, Sensor, read_distances};
 use crate::sequence::Sequence;
 
 /// A sensor prepared at a fidelity level; held by `gelsim.Simulator`.
@@ -45,6 +47,8 @@ pub struct Engine {
     /// Reliefs of the patterns that were used so far.
     reliefs: Mutex<Vec<(&'static str, Arc<Relief>)>>,
     pub sequence: Sequence,
+    /// Reader of depth frames inside a gel that has a shape, made when the first one comes.
+    inside: OnceLock<FrameReader>,
 }
 
 /// Place of an object, given as `gelsim.Pose` or as `gelsim.Placement`.
@@ -104,17 +108,25 @@ pub struct Pressing {
     frame: Option<(u64, FrameLabel)>,
 }
 
-/// An object that was read, and its pose.
+/// An object that was read, and where it is.
 pub struct PlacedObject {
     name: String,
     pub shape: Shape,
+    pub site: ObjectSite,
+    /// Point about which a shear turns it, mm.
+    about_mm: [f64; 2],
+}
+
+/// Where an object is.
+#[derive(Clone, Copy)]
+pub struct ObjectSite {
     pub pose: Pose,
     /// How deep it reaches into the pad, mm; 0 or less without contact.
     pub depth_mm: f64,
     /// The plane along whose normal that is, if the object may be anywhere on a gel that has a shape.
     pub plane: Option<PadPlane>,
-    /// Point about which a shear turns it, mm.
-    about_mm: [f64; 2],
+    /// The point of it that is deepest, mm; of frames, which cannot be moved to see it elsewhere.
+    pub deepest_mm: Option<DVec3>,
 }
 
 impl ObjectPlace {
@@ -130,15 +142,17 @@ impl ObjectPlace {
                 let [yaw_deg, tilt_deg, tilt_azimuth_deg] = [*yaw_deg, *tilt_deg, *tilt_azimuth_deg];
                 let angles = Angles { yaw_deg, tilt_deg, tilt_azimuth_deg };
                 let pose = Pose::new(side, angles, [*x_mm, *y_mm], anchor, 0.0 - depth_mm, clusters);
-                let (pose, depth_mm, about_mm) = (check_finite_pose(&pose)?, *depth_mm, [*x_mm, *y_mm]);
-                Ok(PlacedObject { name, shape, pose, depth_mm, about_mm, plane: None })
+                let (pose, depth_mm) = (check_finite_pose(&pose)?, *depth_mm);
+                let site = ObjectSite { pose, depth_mm, plane: None, deepest_mm: None };
+                Ok(PlacedObject { name, shape, site, about_mm: [*x_mm, *y_mm] })
             }
             Self::Placed(placed) => {
                 let pose = placed.to_pose()?;
                 let DVec3 { x, y, .. } = pose.translation_mm;
                 let (plane, depth_mm) = simulator.find_contact_plane(clusters, &pose);
                 let plane = simulator.sensor().shape.is_some().then_some(plane);
-                Ok(PlacedObject { name, shape, pose, depth_mm, about_mm: [x, y], plane })
+                let site = ObjectSite { pose, depth_mm, plane, deepest_mm: None };
+                Ok(PlacedObject { name, shape, site, about_mm: [x, y] })
             }
         }
     }
@@ -176,23 +190,18 @@ impl Engine {
             let help = "pose=gelsim.Pose(0.5) presses it in by 0.5 mm, in the middle of the image";
             let place = place.ok_or_else(|| mistake_error("a mesh needs a pose", help))?;
             let object = place.place_mesh(name, clusters, &self.plan.simulator)?;
-            if object.depth_mm > thickness_mm {
-                let message = format!("the object is {:.3} mm deep in a pad of {thickness_mm} mm", object.depth_mm);
+            if object.site.depth_mm > thickness_mm {
+                let message =
+                    format!("the object is {:.3} mm deep in a pad of {thickness_mm} mm", object.site.depth_mm);
                 return Err(mistake_error(message, "press it less deep, or move the pose out of the pad, along z"));
             }
             return Ok(object);
         }
-        let sensor = self.plan.simulator.sensor();
-        if sensor.shape.is_some() {
-            let message = "this sensor's gel has a shape, over which heights have no meaning";
-            return Err(mistake_error(
-                message,
-                "press a mesh, or depth frames of a camera inside by gelsim.Sensor.render",
-            ));
-        }
-        let input = DepthMaps::extract_input(given, false)?;
+        let simulator = &self.plan.simulator;
+        let is_curved = simulator.sensor().shape.is_some();
+        let input = DepthMaps::extract_input(given, is_curved)?;
         let depth = DepthMaps::new(&input);
-        let ([width, height], found) = (self.plan.simulator.view().resolution_px, depth.resolution_px());
+        let ([width, height], found) = (simulator.view().resolution_px, depth.resolution_px());
         if depth.batch_size().is_some() {
             return Err(mistake_error(
                 "heights of several presses",
@@ -206,13 +215,6 @@ impl Engine {
                 format!("gelsim.Simulator(..., resolution_px=({}, {})) has as many as the map", found[0], found[1]);
             return Err(mistake_error(message, help));
         }
-        let seen = py.detach(|| depth.inspect(0..1, thickness_mm));
-        emit_warnings(py, &depth.report_findings(&seen, thickness_mm).map_err(|report| usage_error(&report))?)?;
-        let map = HeightMap { above_mm: depth.above_mm(0), unseen_px: 0 };
-        // The values were checked, but another thread may write to the array meanwhile.
-        if map.above_mm.data.iter().any(|mm| mm.is_nan() || *mm == f32::NEG_INFINITY) {
-            return Err(runtime_error("depth_mm has changed while it was read; give a copy: depth_mm.copy()"));
-        }
         let pose = match place {
             None => Pose::IDENTITY,
             Some(ObjectPlace::Placed(placed)) => placed.to_pose()?,
@@ -221,9 +223,41 @@ impl Engine {
                 return Err(mistake_error("heights are where they are: gelsim.Pose does not move them", help));
             }
         };
-        let (depth_mm, DVec3 { x, y, .. }) = (map.indentation_depth_mm(), pose.translation_mm);
-        let shape = Shape::HeightMap(Arc::new(map));
-        Ok(PlacedObject { name: name.to_owned(), shape, pose, depth_mm, about_mm: [x, y], plane: None })
+        let DVec3 { x, y, .. } = pose.translation_mm;
+        let placed = |shape, depth_mm, plane, deepest_mm| {
+            let site = ObjectSite { pose, depth_mm, plane, deepest_mm };
+            PlacedObject { name: name.to_owned(), shape, site, about_mm: [x, y] }
+        };
+        if is_curved {
+            let reader = self.inside_reader(found)?;
+            let seen = py.detach(|| read_distances(reader, &depth, 0))?;
+            let depth_mm = seen.indentation_depth_mm();
+            let SeenFrame::Gel(frame) = seen else { unreachable!("the gel has a shape") };
+            let deepest = frame.deepest_contact();
+            let plane = deepest.map_or_else(PadPlane::default, |(at, _)| PadPlane::tangent_at(at.point_mm, at.normal));
+            let shape = py.detach(|| frame.to_shape(&pose));
+            return Ok(placed(shape, depth_mm, Some(plane), deepest.map(|(_, point_mm)| point_mm)));
+        }
+        let seen = py.detach(|| depth.inspect(0..1, thickness_mm));
+        emit_warnings(py, &depth.report_findings(&seen, thickness_mm).map_err(|report| usage_error(&report))?)?;
+        let map = HeightMap { above_mm: depth.above_mm(0), unseen_px: 0 };
+        // The values were checked, but another thread may write to the array meanwhile.
+        if map.above_mm.data.iter().any(|mm| mm.is_nan() || *mm == f32::NEG_INFINITY) {
+            return Err(runtime_error("depth_mm has changed while it was read; give a copy: depth_mm.copy()"));
+        }
+        let (depth_mm, deepest_mm) = (map.indentation_depth_mm(), find_lowest_point(&map, simulator.view()));
+        Ok(placed(Shape::HeightMap(Arc::new(map)), depth_mm, None, deepest_mm))
+    }
+
+    /// Returns the reader of the depth frames of a camera inside the gel.
+    fn inside_reader(&self, size_px: [usize; 2]) -> PyResult<&FrameReader> {
+        if self.inside.get().is_none() {
+            let help = "press a mesh, or render depth frames with gelsim.Sensor.render, which takes other cameras";
+            let reader = FrameReader::new(FROM_LENS, &self.plan.simulator, size_px);
+            // Another thread may have been faster; both made the same.
+            let _ = self.inside.set(reader.map_err(|problem| mistake_error(problem.message, help))?);
+        }
+        Ok(self.inside.get().expect("it was just set"))
     }
 
     /// Returns a texture as it was asked for. The relief of a pattern is made once.
@@ -254,7 +288,7 @@ impl Engine {
 
 /// Makes the scene of an object, with everything else drawn as for sample `index`.
 pub fn build_scene(plan: &Plan, index: u64, object: PlacedObject, texture: Option<DrawnTexture>) -> Scene {
-    let PlacedObject { name, shape, pose, depth_mm, about_mm, plane } = object;
+    let PlacedObject { name, shape, about_mm, site: ObjectSite { pose, depth_mm, plane, .. } } = object;
     let pressed = PressSource::Frame(DepthFrame { id: name, class: String::new(), shape });
     let indentation_depth_mm = depth_mm.max(0.0);
     let mut scene = Scene::from_known_press(
@@ -291,13 +325,18 @@ impl Engine {
         let set = extract_assignments("set", set)?;
         let plan = sensor.plan_with(py, crate::errors::fidelity_level(fidelity)?, resolution_px, &set, &layers)?;
         emit_warnings(py, &sensor.new_notes(&plan))?;
-        Ok(Self { plan, reliefs: Mutex::default(), sequence: Sequence::default() })
+        Ok(Self { plan, reliefs: Mutex::default(), sequence: Sequence::default(), inside: OnceLock::new() })
     }
 
     /// Returns a copy with a sequence of its own.
     fn copy(&self) -> Self {
         let reliefs = self.reliefs.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        Self { plan: self.plan.clone(), reliefs: Mutex::new(reliefs), sequence: Sequence::default() }
+        Self {
+            plan: self.plan.clone(),
+            reliefs: Mutex::new(reliefs),
+            sequence: Sequence::default(),
+            inside: OnceLock::new(),
+        }
     }
 
     #[getter]

@@ -416,6 +416,32 @@ def test_a_placement_at_the_tip_slides_as_a_pose(geltip):
     assert np.allclose(slides[0], slides[1], atol=0.03 * np.abs(slides[0]).max())
 
 
+def seen_from_the_lens(place_mm, radius_mm):
+    """Distances of a ball along the axis of a GelTip's lens, 45.5 mm below the tip, which sees 90 degrees of width; inf beside it."""
+    x, y = [(np.arange(count) + 0.5 - count / 2) / 80 for count in (160, 120)]
+    rays = np.stack([*np.meshgrid(x, y), np.ones((120, 160))], -1)
+    from_mm = np.array([0.0, 0.0, -45.5]) - place_mm
+    a, b, c = (rays**2).sum(-1), rays @ from_mm, from_mm @ from_mm - radius_mm**2
+    return np.where(b**2 > a * c, (-b - np.sqrt(np.maximum(b**2 - a * c, 0.0))) / a, np.inf)
+
+
+def test_depth_frames_of_a_camera_in_a_fingertip_slide_as_the_mesh(geltip):
+    ball = gelsim.Mesh.load(BALL)
+    frame = seen_from_the_lens(np.array([0.0, 0.0, 3.6]), 4.0)
+    assert geltip.press(frame).in_contact
+    pulls = []
+    for with_frames in (False, True):
+        geltip.reset(friction=0.3)
+        for number in range(9):
+            x = 0.08 * number
+            place = gelsim.Placement((x, 0.0, -0.4))
+            seen = seen_from_the_lens(np.array([x, 0.0, 3.6]), 4.0)
+            press = geltip.step(seen if with_frames else ball, place)
+        assert press.slip_state == "gross"
+        pulls.append(press.wrench[:3])
+    assert np.allclose(pulls[0], pulls[1], atol=0.1 * np.abs(pulls[0]).max()), pulls
+
+
 def test_a_pad_that_relaxes_holds_with_less_force_the_longer_it_is_held(cylinder):
     relaxation = {"gelpad.relaxation": [{"share": 0.3, "time_s": 0.5}]}
     simulator = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set=relaxation)
@@ -505,6 +531,10 @@ def paper():
     return gelsim.Simulator("digit", "paper")
 
 
+def fingertip():
+    return gelsim.Simulator("geltip", "draft", resolution_px=(32, 24))
+
+
 def strained():
     return gelsim.Simulator("digit", "finite-strain", set={"gelpad.finite_strain.friction": "stick"})
 
@@ -543,7 +573,10 @@ SOFT = {"youngs_modulus_kpa": 9.0}
     "placed deeper than the pad": (press(PYRAMID, gelsim.Placement((0, 0, -5.0))), gelsim.UsageError, "4 mm"),
     "shear without flow": (press(PYRAMID, SHALLOW, shear=gelsim.Shear(0.1)), gelsim.UsageError, "flow=True"),
     "all mistakes at once": (press(PYRAMID, SHALLOW, **WRONG), gelsim.UsageError, ["friction is -1.0", *WRONG]),
-    "heights on a curved gel": (lambda _: gelsim.Simulator("geltip").press(FLAT), gelsim.UsageError, "gel has a shape"),
+    "frames of another size on a curved gel": (lambda _: gelsim.Simulator("geltip").press(FLAT + 45), gelsim.UsageError, "80 rows"),
+    "no distances on a curved gel": (lambda _: fingertip().press(np.zeros((24, 32))), gelsim.UsageError, "distance from the lens"),
+    "distances in metres": (lambda _: fingertip().press(np.full((24, 32), 0.045)), gelsim.UsageError, "distance from the lens"),
+    "distances with a pose": (lambda _: fingertip().press(np.full((24, 32), 45.0), SHALLOW), gelsim.UsageError, "Placement"),
     "a soft object at the lowest level": (lambda _: paper().press(BALL, SHALLOW, **SOFT), gelsim.UsageError, "rigid"),
     "a sequence at the lowest level": (lambda _: paper().step(BALL, SHALLOW), gelsim.UsageError, "paper"),
     "a sequence at finite strain": (lambda _: strained().step(BALL, SHALLOW), gelsim.UsageError, "the frames of a sequence"),
