@@ -1,4 +1,4 @@
-"""Many samples and many sequences in one run each: the memory that takes does not grow.
+"""Many samples, sequences and frames of a loop in one run each: the memory that takes does not grow.
 
     pytest tests/python/test_soak.py --full -rP
 
@@ -88,3 +88,27 @@ def test_memory_does_not_grow_during_a_run(run_gelsim, gelsim_path, project, tmp
     print(f"{time.monotonic() - start:.0f} s; MB after each tenth: {' '.join(f'{mb:.0f}' for mb in most)}")
     assert len(most) > 5, "too short to say anything"
     assert most[-1] <= 1.1 * most[1] + 4
+
+
+@pytest.mark.wheel
+def test_memory_does_not_grow_while_simulators_step(project):
+    """Two fingers over the frames of ten minutes at 60 Hz: objects come, slide and go, and other sequences begin."""
+    import gelsim
+    import numpy as np
+
+    marked = gelsim.Simulator("gelsight-mini", "draft", resolution_px=(64, 48), set={"markers.pitch_mm": 2.0})
+    fingers = gelsim.Array([marked, marked], threads=2)
+    ball = gelsim.Mesh.load(project / "objects/sphere.obj")
+    frames, most = 600 * 60, []
+    start = time.monotonic()
+    for tenth in range(10):
+        for frame in range(frames // 10):
+            phase = frame % 200
+            if phase == 0:
+                fingers.reset(index=frame)
+            depth_mm = min(0.02 * phase, 0.4, 0.02 * (190 - phase))
+            press = fingers.step(ball, [gelsim.Pose(depth_mm, x_mm=x * phase) for x in (0.01, -0.005)], duration_s=1 / 60)
+            assert all(np.isfinite(each.wrench).all() and each.image.any() for each in press)
+        most.append(resident_mb("self"))
+    print(f"{time.monotonic() - start:.0f} s; MB after each tenth: {' '.join(f'{mb:.0f}' for mb in most)}")
+    assert most[-1] <= 1.05 * most[1] + 4
