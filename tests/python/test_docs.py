@@ -131,6 +131,13 @@ ELSEWHERE = {
     "gelsim generate job.toml --out s3://bucket/presses --partition 0/2": ("an S3 server", "tests/python/test_stores.py"),
     "gelsim generate job.toml --out s3://bucket/presses --partition 1/2": ("an S3 server", "tests/python/test_stores.py"),
     "gelsim finalize s3://bucket/presses": ("an S3 server", "tests/python/test_stores.py"),
+    "python -m gelsim.ros --sensor gelsight-mini --plane-mm 10 depth:=/camera/depth": ("ROS", "tests/python/test_ros_graph.py"),
+    "python -m gelsim.ros --mesh objects/sphere.obj --resolution 320x240 --frame-id pad pose:=/ball/pose_in_pad": (
+        "ROS",
+        "tests/python/test_ros_graph.py",
+    ),
+    "python -m gelsim.ros --projection perspective --plane-mm 25 --resolution 320x240 depth:=/camera/depth/image_raw"
+    " camera_info:=/camera/depth/camera_info": ("ROS; there without a graph", "tests/python/test_ros.py"),
     "seq 0 63 | parallel": ("two machines; there with a false ssh", "tests/python/test_recipes.py"),
 }
 
