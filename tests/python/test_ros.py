@@ -403,6 +403,25 @@ def test_without_ros_the_command_says_what_to_install(tmp_path):
     assert subprocess.run([sys.executable, "-m", "gelsim.ros", "--help"], capture_output=True).returncode == 0
 
 
+def as_defined(store, name, said):
+    """A message of the stand-in as the type that ROS itself defines, with nothing in fields that the stand-in lacks."""
+    defined = dict(store.fielddefs[name][1])
+    assert said is None or set(vars(said)) <= set(defined), name
+    values = {}
+    for field, (kind, detail) in defined.items():
+        given = getattr(said, field, None)
+        if kind.name == "NAME":
+            values[field] = as_defined(store, detail, given)
+        elif kind.name == "SEQUENCE" and detail[0][0].name == "NAME":
+            values[field] = [as_defined(store, detail[0][1], each) for each in given]
+        elif kind.name in ("SEQUENCE", "ARRAY"):
+            values[field] = np.array(given or np.zeros(detail[1]), {"octet": "uint8"}.get(detail[0][1][0], detail[0][1][0]))
+        else:
+            nothing = {"string": "", "bool": False}.get(detail[0], 0)
+            values[field] = nothing if given is None else given[0] if isinstance(given, bytes) else given
+    return store.types[name](**values)
+
+
 class TestRos2:
     """With the stand-in."""
 
@@ -434,6 +453,40 @@ class TestRos2:
         assert [level for level, _ in graph.said].count("error") == 1
         (status,) = found["/diagnostics"].status
         assert status.name == "/gelsim" and "refused" in status.message
+        self.survive_the_wire(found)
+
+    @staticmethod
+    def survive_the_wire(found):
+        """The messages are as ROS 2 defines them, and are the same after its encoding (CDR)."""
+        typesys = pytest.importorskip("rosbags.typesys", reason="no definitions of ROS 2: pip install rosbags")
+        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        names = {
+            "~/image": "sensor_msgs/msg/Image",
+            "~/wrench": "geometry_msgs/msg/WrenchStamped",
+            "~/markers": "sensor_msgs/msg/PointCloud2",
+            "~/slip": "std_msgs/msg/String",
+            "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+        }
+        for topic, said in found.items():
+            whole = as_defined(store, names[topic], said)
+            data = bytes(store.serialize_cdr(whole, names[topic]))
+            come = store.deserialize_cdr(data, names[topic])
+            assert bytes(store.serialize_cdr(come, names[topic])) == data and repr(come) == repr(whole)
+
+    def test_what_comes_is_read_as_ros_2_defines_it(self):
+        typesys = pytest.importorskip("rosbags.typesys", reason="no definitions of ROS 2: pip install rosbags")
+        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+        def come(name, said):
+            return store.deserialize_cdr(bytes(store.serialize_cdr(as_defined(store, name, said), name)), name)
+
+        said = image(TestDepthImages.VALUES)
+        said.header.stamp.sec, said.header.stamp.nanosec = 12, 500_000_000
+        seen = come("sensor_msgs/msg/Image", said)
+        assert messages.stamp_s(seen) == 12.5 and np.allclose(messages.depth_mm(seen), TestDepthImages.EXPECTED, rtol=1e-6)
+        assert messages.pinhole(come("sensor_msgs/msg/CameraInfo", TestCameras.info())) == messages.pinhole(TestCameras.info())
+        placed = messages.placement(come("geometry_msgs/msg/PoseStamped", pose(1.5, -0.5)), "pad")
+        assert placed == gelsim.Placement((1.5, 0.0, -0.5))
 
     def test_poses_slip_and_begin_anew(self, monkeypatch, project):
         graph = ros_stand_in.graph(monkeypatch)
@@ -452,6 +505,7 @@ class TestRos2:
         ball = str(project / "objects/sphere.obj")
         assert command.main(["--mesh", ball, "--fidelity", "draft", "--resolution", "80x60", "--report-s", "3600"]) == 0
         assert slips == ["none", "gross", "none"] and {name for name, _ in graph.published} == {"~/image", "~/wrench", "~/slip"}
+        self.survive_the_wire(dict(graph.published))
 
     def test_a_camera_says_how_it_sees(self, monkeypatch):
         graph = ros_stand_in.graph(monkeypatch)
