@@ -3,7 +3,7 @@
     python ros_peer.py TOPIC NODE KIND [VALUE...]
 
 publishes messages of a KIND on TOPIC, listens to NODE's topics, and prints what came as JSON. KIND is `frames HZ COUNT WIDTH HEIGHT`,
-`malformed`, `slide` or `listen COUNT`.
+`malformed`, `camera`, `slide` or `listen COUNT`.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ import time
 import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -134,6 +134,25 @@ def malformed(topic, node):
     peer.report(sent=len(bad) * 3, before=before)
 
 
+def camera(topic, node):
+    """A frame before a CameraInfo, one after, and one after a CameraInfo of another size."""
+    peer = Peer(topic, node, Image)
+    publisher = rospy.Publisher("camera_info", CameraInfo, queue_size=1)
+    peer.until(lambda: publisher.get_num_connections() > 0, "listener of camera_info")
+    wall = np.full((480, 640), 0.0245, "<f4")
+    wall[:, :260] = wall[:, 380:] = np.inf
+    wall[:180] = wall[300:] = np.inf
+    for size in [None, (640, 480), (320, 240)]:
+        if size is not None:
+            width, height = size
+            publisher.publish(CameraInfo(width=width, height=height, K=[700.0, 0, width / 2, 0, 700.0, height / 2, 0, 0, 1], D=[0.0] * 5))
+            time.sleep(0.5)
+        peer.send(depth(wall))
+        time.sleep(0.5)
+    peer.quiet()
+    peer.report()
+
+
 def slide(topic, node):
     peer = Peer(topic, node, PoseStamped)
     reset = rospy.ServiceProxy(f"{node}/reset", Trigger)
@@ -168,4 +187,4 @@ def listen(topic, node, count):
 if __name__ == "__main__":
     topic, node, kind, *values = rospy.myargv(sys.argv)[1:]
     rospy.init_node("peer", anonymous=True, disable_signals=False)
-    {"frames": frames, "malformed": malformed, "slide": slide, "listen": listen}[kind](topic, node, *values)
+    {"frames": frames, "malformed": malformed, "camera": camera, "slide": slide, "listen": listen}[kind](topic, node, *values)

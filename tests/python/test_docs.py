@@ -137,7 +137,7 @@ ELSEWHERE = {
         "tests/python/test_ros_graph.py",
     ),
     "python -m gelsim.ros --projection perspective --plane-mm 25 --resolution 320x240 depth:=/camera/depth/image_raw"
-    " camera_info:=/camera/depth/camera_info": ("ROS; there without a graph", "tests/python/test_ros.py"),
+    " camera_info:=/camera/depth/camera_info": ("ROS", "tests/python/test_ros_graph.py"),
     "seq 0 63 | parallel": ("two machines; there with a false ssh", "tests/python/test_recipes.py"),
 }
 

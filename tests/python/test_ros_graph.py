@@ -168,6 +168,14 @@ def test_survives_what_is_malformed_and_says_each_once(core, start, peer):
     assert made.end() == 0 and "Traceback" not in made.text
 
 
+def test_sees_as_camera_info_says(core, start, peer):
+    made = node(start, "--plane-mm", "25", "--projection", "perspective", "--resolution", "160x120")
+    told = peer("depth", "/gelsim", "camera")
+    assert [image[2:4] for image in told["images"]] == [[160, 120]] and told["wrenches"][0][2] < 0
+    said = [line for line in made.text.splitlines() if "only counted" in line]
+    assert len(said) == 2 and "no CameraInfo" in said[0] and "CameraInfo is of 320x240 px" in said[1], made.text
+
+
 def test_follows_an_object_that_slides_and_begins_anew(core, start, peer, project):
     ball = project / "objects/sphere.obj"
     line = ["--mesh", ball, "--resolution", "160x120", "--set", "markers.pitch_mm=1.5", "--frame-id", "pad", "--friction", "0.4"]

@@ -16,7 +16,7 @@ from gelsim.ros.ros1 import Ros1
 from gelsim.ros.ros2 import Ros2
 from gelsim.ros.touch import Touch
 
-MISSING = """error: this Python has neither rospy (ROS 1) nor rclpy (ROS 2)
+MISSING = """error: this Python has no {}
  |
  = help: source /opt/ros/NAME/setup.bash first; on Debian, apt install python3-rospy python3-sensor-msgs python3-std-srvs \
 python3-diagnostic-msgs, and run this with /usr/bin/python3"""
@@ -27,16 +27,17 @@ def main(arguments: list[str]) -> int:
     halves: dict[str, Any] = {"1": Ros1, "2": Ros2}
     there = [version for version, module in (("1", "rospy"), ("2", "rclpy")) if find_spec(module)]
     version = os.environ.get("ROS_VERSION", "")
-    if not there:
+    missing = [name for name in ("sensor_msgs", "geometry_msgs", "std_msgs", "std_srvs") if not find_spec(name)]
+    if not there or missing:
         parser().parse_args([each for each in arguments if each in ("-h", "--help")])
-        print(MISSING, file=sys.stderr)
+        print(MISSING.format(" or ".join(missing) if there else "rospy (ROS 1) or rclpy (ROS 2)"), file=sys.stderr)
         return 2
     try:
         ros: Union[Ros1, Ros2] = halves[version if version in there else there[0]](arguments, "gelsim")
         told = ros.parameters(Parameters(**vars(parser().parse_args(ros.rest))))
         warnings.showwarning = lambda message, *_, **__: ros.say("warn", str(message))
         touch = Touch(told)
-    except UsageError as error:
+    except (UsageError, ImportError) as error:
         print(error, file=sys.stderr)
         return 2
     ros.run(touch)
