@@ -28,6 +28,8 @@ LIBRARIES = {
     "OpenEXR": Library("OpenEXR", "3.5"),
     "pyarrow": Library("pyarrow", "16", "26"),
     "h5py": Library("h5py", "3.11", "3.17"),
+    "mujoco": Library("mujoco", "3.2"),
+    "gymnasium": Library("gymnasium", "1.0"),
 }
 """By the module's name."""
 

@@ -192,17 +192,12 @@ class Touch:
 
         Objects that are left out are away. The impression's wrench is in the pad's frame; `wrench` has it in the world.
         """
-        unknown = [name for name in objects if name not in self._bodies]
-        if unknown:
-            raise UsageError(f"objects has {unknown[0]!r}; known: {', '.join(map(repr, self._bodies))}")
-        world = pad.inverse()
-        places = {name: world @ place for name, place in objects.items()}
-        depths = {name: -self._bodies[name].lowest(place, self._half, self._floor) for name, place in places.items()}
+        depths = self.depths(pad, objects)
         touching = [name for name, depth in depths.items() if depth > 0.0]
         self._follow(touching, depths)
         name = self._followed
         self.depth_mm = depths[name] if touching else max(depths.values(), default=-math.inf)
-        place = places.get(name, Transform.of([0.0, 0.0, AWAY_M]))
+        place = pad.inverse() @ objects[name] if name in objects else Transform.of([0.0, 0.0, AWAY_M])
         over = self.depth_mm - (self._thickness if self._deepest is None else self._deepest)
         if over > 0.0 and self._deepest is None:
             said = f"{name!r} is {self.depth_mm:.3g} mm deep in a pad of {self._thickness:g} mm"
@@ -210,14 +205,20 @@ class Touch:
         if over > 0.0:
             self._warn("deep", f"{name!r} is {self.depth_mm:.3g} mm deep, and pressed by deepest_mm = {self._deepest:g} mm")
             place = Transform(place.position_m + need("numpy").array([0.0, 0.0, 1e-3 * over]), place.rotation)
-        x, y, z = (1e3 * place.position_m).tolist()
-        qx, qy, qz, qw = place.xyzw.tolist()
-        mesh = self._bodies[name].near(place, [half + BESIDE * self._thickness for half in self._half], -self._thickness)
-        press = self.simulator.step(mesh, Placement((x, y, z), (qx, qy, qz, qw)), duration_s=duration_s)
+        self._place = place
+        press = self._press(self.simulator, place, duration_s)
         self.touched = name if press.in_contact else None
         force, torque = press.wrench.reshape(2, 3)
         self._wrench = Wrench(pad.rotation @ force, 1e-3 * (pad.rotation @ torque), pad.position_m)
         return press
+
+    def depths(self, pad: Transform, objects: Mapping[Any, Transform]) -> dict[Any, float]:
+        """How deep each object would reach there, mm; negative: it is at least so far away."""
+        unknown = [name for name in objects if name not in self._bodies]
+        if unknown:
+            raise UsageError(f"objects has {unknown[0]!r}; known: {', '.join(map(repr, self._bodies))}")
+        world, floor = pad.inverse(), -(self._thickness + BEHIND_MM)
+        return {name: -self._bodies[name].lowest(world @ place, self._half, floor) for name, place in objects.items()}
 
     @property
     def wrench(self) -> Wrench:
@@ -227,8 +228,23 @@ class Touch:
         return self._wrench
 
     @property
-    def _floor(self) -> float:
-        return -(self._thickness + BEHIND_MM)
+    def middle_m(self) -> NDArray[np.float64]:
+        """(3,): middle of the touching object in the last step, in the pad's frame, metres."""
+        found: NDArray[np.float64] = self._place.rotation @ (1e-3 * self._bodies[self._followed].middle) + self._place.position_m
+        return found
+
+    def pressed(self, simulator: Simulator, moved: Optional[Transform] = None) -> NDArray[np.float64]:
+        """Wrench in the pad's frame, N and N mm, of a frame of another simulator with the object where it was in the last step, or moved
+        from there: what would be felt, while the pad's own memory stays."""
+        return self._press(simulator, self._place if moved is None else moved @ self._place, 1.0 / 60.0).wrench
+
+    def _press(self, simulator: Simulator, place: Transform, duration_s: float) -> Impression:
+        """A frame with the followed object there, in the pad's frame."""
+        x, y, z = (1e3 * place.position_m).tolist()
+        qx, qy, qz, qw = place.xyzw.tolist()
+        beside = [half + BESIDE * self._thickness for half in self._half]
+        mesh = self._bodies[self._followed].near(place, beside, -self._thickness)
+        return simulator.step(mesh, Placement((x, y, z), (qx, qy, qz, qw)), duration_s=duration_s)
 
     def _follow(self, touching: list[Any], depths: dict[Any, float]) -> None:
         """Follows what touches, the same object as long as it does."""
@@ -276,11 +292,11 @@ class Body:
             return math.inf
         if z - self.radius > 0.0:
             return float(z) - self.radius
-        corners = self.placed(place)
-        x, y, z = corners[corners[:, 2].argmin()]
+        lowest = self.corners[(self.corners @ place.rotation[2]).argmin()]
+        x, y, z = place.rotation @ lowest + 1e3 * place.position_m
         if z > 0.0 or (abs(x) <= half[0] and abs(y) <= half[1] and z > floor):
             return float(z)
-        triangles = cut_to(half, corners[self.faces])
+        triangles = cut_to(half, self.placed(place)[self.faces])
         above = triangles[triangles[:, :, 2].max(axis=1) > floor]
         return float(numpy.min(above[:, :, 2], initial=math.inf))
 
@@ -289,10 +305,9 @@ class Body:
         numpy = need("numpy")
         if (place.rotation @ self.middle + 1e3 * place.position_m)[2] - self.radius >= floor:
             return self.mesh
-        corners = self.placed(place)
-        if corners[:, 2].min() >= floor:
+        if (self.corners @ place.rotation[2]).min() + 1e3 * place.position_m[2] >= floor:
             return self.mesh
-        triangles = cut(cut_to(half, corners[self.faces]), 2, -1.0, -floor)
+        triangles = cut(cut_to(half, self.placed(place)[self.faces]), 2, -1.0, -floor)
         back = (triangles.reshape(-1, 3) - 1e3 * place.position_m) @ place.rotation
         return mesh_of_arrays(back, numpy.arange(len(back), dtype=numpy.uint32).reshape(-1, 3), self.name)
 
