@@ -197,7 +197,7 @@ class Touch:
         self._follow(touching, depths)
         name = self._followed
         self.depth_mm = depths[name] if touching else max(depths.values(), default=-math.inf)
-        place = pad.inverse() @ objects[name] if name in objects else Transform.of([0.0, 0.0, AWAY_M])
+        place = pad.inverse() @ objects[name] if name in objects else away()
         over = self.depth_mm - (self._thickness if self._deepest is None else self._deepest)
         if over > 0.0 and self._deepest is None:
             said = f"{name!r} is {self.depth_mm:.3g} mm deep in a pad of {self._thickness:g} mm"
@@ -240,10 +240,10 @@ class Touch:
 
     def _press(self, simulator: Simulator, place: Transform, duration_s: float) -> Impression:
         """A frame with the followed object there, in the pad's frame."""
+        beside = [half + BESIDE * self._thickness for half in self._half]
+        mesh, place = self._bodies[self._followed].near(place, beside, -self._thickness)
         x, y, z = (1e3 * place.position_m).tolist()
         qx, qy, qz, qw = place.xyzw.tolist()
-        beside = [half + BESIDE * self._thickness for half in self._half]
-        mesh = self._bodies[self._followed].near(place, beside, -self._thickness)
         return simulator.step(mesh, Placement((x, y, z), (qx, qy, qz, qw)), duration_s=duration_s)
 
     def _follow(self, touching: list[Any], depths: dict[Any, float]) -> None:
@@ -263,6 +263,11 @@ class Touch:
         if cause not in self._warned:
             warnings.warn(said, stacklevel=3)
             self._warned.add(cause)
+
+
+def away() -> Transform:
+    """Where nothing is near the pad."""
+    return Transform.of([0.0, 0.0, AWAY_M])
 
 
 class Body:
@@ -300,16 +305,19 @@ class Body:
         above = triangles[triangles[:, :, 2].max(axis=1) > floor]
         return float(numpy.min(above[:, :, 2], initial=math.inf))
 
-    def near(self, place: Transform, half: Sequence[float], floor: float) -> Mesh:
-        """The mesh; of one that reaches below `floor` what is above it and within the rectangle alone, if there is anything."""
+    def near(self, place: Transform, half: Sequence[float], floor: float) -> tuple[Mesh, Transform]:
+        """The mesh and its place; of one that reaches below `floor` only what is above it and within the rectangle. Where that is nothing
+        the mesh is away."""
         numpy = need("numpy")
         if (place.rotation @ self.middle + 1e3 * place.position_m)[2] - self.radius >= floor:
-            return self.mesh
+            return self.mesh, place
         if (self.corners @ place.rotation[2]).min() + 1e3 * place.position_m[2] >= floor:
-            return self.mesh
+            return self.mesh, place
         triangles = cut(cut_to(half, self.placed(place)[self.faces]), 2, -1.0, -floor)
+        if not len(triangles):
+            return self.mesh, away()
         back = (triangles.reshape(-1, 3) - 1e3 * place.position_m) @ place.rotation
-        return mesh_of_arrays(back, numpy.arange(len(back), dtype=numpy.uint32).reshape(-1, 3), self.name)
+        return mesh_of_arrays(back, numpy.arange(len(back), dtype=numpy.uint32).reshape(-1, 3), self.name), place
 
 
 def cut_to(half: Sequence[float], triangles: Any) -> Any:

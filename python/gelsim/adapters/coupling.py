@@ -28,7 +28,8 @@ TURNED_RAD = 2e-3
 CHANGED = 0.3
 """The stiffness is measured anew when the normal force has changed by this part."""
 FARTHEST_M = 5e-5
-"""A contact that became so much deeper or shallower is pressed anew."""
+FARTHEST = 0.2
+"""A contact that became so much deeper or shallower is pressed anew, or by this part of its depth."""
 LONGEST_S = 1.0
 """No longer is the time between two frames."""
 NEWTONMETRES = [1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3]
@@ -103,7 +104,7 @@ class Coupling:
         if self._place is None:
             return Wrench(numpy.zeros(3), numpy.zeros(3), pad.position_m)
         moved = motion(self._place, pad.inverse() @ objects[self.touch.touched])
-        if abs(moved[2]) > FARTHEST_M:
+        if abs(moved[2]) > max(FARTHEST_M, 1e-3 * FARTHEST * self.touch.depth_mm):
             self.sense(pad, objects, time_s)
             moved = numpy.zeros(6)
         speed, since_s = numpy.zeros(6), time_s - self._asked_s

@@ -47,8 +47,8 @@ class Pad:
     ) -> None:
         """Takes an `MjModel`, and names of its site and of the bodies that may touch it.
 
-        `groups` are the groups of the geoms that count; without them, geoms that can collide do, and of a body that has none, all.
-        `damping` is the damping ratio of bodies held by `push`; the rest is `Touch`'s.
+        `groups` are the groups of the geoms that count, such as [2] in models that have what is seen there, and what collides elsewhere;
+        without them all do. `damping` is the damping ratio of bodies held by `push`; the rest is `Touch`'s.
         """
         mujoco = need("mujoco")
         self._site = number(model, mujoco.mjtObj.mjOBJ_SITE, "site", site)
@@ -114,12 +114,9 @@ def shape_of(model: Any, body: int, groups: Optional[Sequence[int]] = None) -> S
         if model.body_parentid[child] in fixed and model.body_jntnum[child] == 0:
             fixed.add(child)
     geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in fixed]
-    if groups is None:
-        geoms = [geom for geom in geoms if model.geom_contype[geom] or model.geom_conaffinity[geom]] or geoms
-    else:
-        geoms = [geom for geom in geoms if model.geom_group[geom] in groups]
+    geoms = [geom for geom in geoms if groups is None or model.geom_group[geom] in groups]
     if not geoms:
-        raise UsageError(f"the body {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body)!r} has no geom that counts")
+        raise UsageError(f"the body {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body)!r} has no geom, or none in these groups")
     frame = Transform.of_matrix(data.xmat[body], data.xpos[body]).inverse()
     placed = ((geom, frame @ Transform.of_matrix(data.geom_xmat[geom], data.geom_xpos[geom])) for geom in geoms)
     return shapes.joined([geom_shape(model, geom).at(place) for geom, place in placed])
@@ -149,11 +146,17 @@ def geom_shape(model: Any, geom: int) -> Shape:
         return shapes.of_arrays(model.mesh_vert[corners], model.mesh_face[faces])
     if kind == kinds.mjGEOM_HFIELD:
         rows, columns = int(model.hfield_nrow[data]), int(model.hfield_ncol[data])
-        half_x, half_y, top, _ = model.hfield_size[data]
+        half_x, half_y, top, bottom = model.hfield_size[data]
         heights = model.hfield_data[model.hfield_adr[data] :][: rows * columns].reshape(rows, columns)
         x, y = numpy.meshgrid(numpy.linspace(-half_x, half_x, columns), numpy.linspace(-half_y, half_y, rows))
+        corners = numpy.stack([x, y, top * heights], axis=-1).reshape(-1, 3)
         at = numpy.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = (each.ravel() for each in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
-        faces = numpy.concatenate([numpy.stack([a, b, c], axis=1), numpy.stack([a, c, d], axis=1)])
-        return shapes.of_arrays(numpy.stack([x, y, top * heights], axis=-1), faces)
+        # The walls around it.
+        rim = numpy.concatenate([at[0, :-1], at[:-1, -1], at[-1, :0:-1], at[:0:-1, 0]])
+        foot = len(corners) + numpy.arange(len(rim))
+        corners = numpy.concatenate([corners, corners[rim] * [1, 1, 0] - [0, 0, bottom]])
+        after, under = numpy.roll(rim, -1), numpy.roll(foot, -1)
+        triples = [(a, b, c), (a, c, d), (rim, foot, under), (rim, under, after)]
+        return shapes.of_arrays(corners, numpy.concatenate([numpy.stack(each, axis=1) for each in triples]))
     raise UsageError(f"geom {geom} is of a kind that has no triangles here: {kinds(kind).name}")
