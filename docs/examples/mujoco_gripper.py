@@ -70,6 +70,7 @@ SCENE = """
 LIFT_S, FADE_S, END_S = (0.4, 1.0), 1.1, 2.4
 GRIP_N, FADE_N_PER_S = 4.0, 3.5
 LOST_MM = 10.0
+ROW = "{time_s:6.2f}  {grip_n:6.2f}  {pressed_n:9.3f}  {tangential_n:12.3f}  {state:10}  {height_mm:9.2f}  {slipped_mm:10.2f}"
 PATIENCE = 4  # frames of gross slip before the controller tightens
 ARROWS = 4  # times as long as the markers moved
 BAND = {"incipient": "#fbe3b5", "gross": "#f2a6a0"}
@@ -109,8 +110,7 @@ def main():
                 "held_mm": held_mm, "presses": (left, right), "qpos": data.qpos.copy(),
             })  # fmt: skip
             if len(frames) % max(args.rate // 15, 1) == 1:
-                line = "{time_s:6.2f}  {grip_n:6.2f}  {pressed_n:9.3f}  {tangential_n:12.3f}  {state:10}  {height_mm:9.2f}  {slipped_mm:10.2f}"
-                print(line.format(**frames[-1]))
+                print(ROW.format(**frames[-1]))
             if frames[-1]["slipped_mm"] > LOST_MM:
                 print("the vial is lost")
                 break

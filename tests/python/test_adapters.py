@@ -1,7 +1,9 @@
 """Touch in the loop of physics engines: what a pad feels of an engine's bodies, against rays that MuJoCo casts and against weights that
 a pad carries."""
 
+import inspect
 import itertools
+import re
 import sys
 import warnings
 
@@ -10,7 +12,10 @@ import pytest
 numpy = pytest.importorskip("numpy", reason="no numpy: pip install numpy")
 gelsim = pytest.importorskip("gelsim", reason="the module is not installed: pip install .")
 
+from gelsim import adapters
 from gelsim.adapters import Touch, Transform, coupling, shapes
+from gelsim.adapters import gymnasium as gymnasium_adapter
+from gelsim.adapters import mujoco as mujoco_adapter
 from processes import run
 
 pytestmark = pytest.mark.wheel
@@ -26,6 +31,23 @@ def at(x, y, z, **turn):
 @pytest.fixture(scope="module")
 def simulator():
     return gelsim.Simulator("gelsight-mini", "draft", set={"markers.pitch_mm": 1.5})
+
+
+@pytest.mark.parametrize("module", [adapters, coupling, shapes, gymnasium_adapter, mujoco_adapter])
+def test_every_public_name_says_what_it_is(module):
+    """Without MuJoCo and Gymnasium the modules can be imported as well."""
+    own = [thing for name, thing in vars(module).items() if not name.startswith("_")]
+    own = [thing for thing in own if getattr(thing, "__module__", "") == module.__name__]
+    members = [member for thing in own if isinstance(thing, type) for name, member in vars(thing).items() if not name.startswith("_")]
+    members = [getattr(member, "__func__", member) for member in members]
+    assert own and all(inspect.getdoc(each) for each in own)
+    assert all(inspect.getdoc(each) for each in members if inspect.isroutine(each) or isinstance(each, property))
+
+
+def test_the_example_of_touch_runs_as_it_stands(capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", inspect.getdoc(Touch), re.DOTALL)
+    exec(code, {})
+    assert capsys.readouterr().out.count("ball") == 5
 
 
 class TestTransform:
@@ -98,7 +120,8 @@ class TestShapes:
     def test_a_mesh_that_is_mirrored_keeps_its_outside(self):
         corners, faces = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
         for scale in ([1, 1, 1], [1, -1, 1], 2.0):
-            assert volume(shapes.of_arrays(corners, faces, scale)) == pytest.approx(1e9 / 6 * numpy.prod(numpy.broadcast_to(abs(numpy.array(scale)), 3)))
+            larger = numpy.prod(numpy.broadcast_to(abs(numpy.array(scale)), 3))
+            assert volume(shapes.of_arrays(corners, faces, scale)) == pytest.approx(1e9 / 6 * larger)
 
     def test_joined_shapes_hold_what_each_holds(self):
         both = shapes.joined([shapes.box([1, 1, 1]), shapes.sphere(1.0).at(at(10, 0, 0))])
@@ -139,7 +162,8 @@ class TestTouch:
         assert abs(force - press.wrench[:3]).max() < 1e-12 and force[2] < -0.1 and force[0] > 0.05
         # About the ball's middle the pressure has nearly no torque, about the pad's it has the lever's.
         about = touch.wrench.about((pad @ at(2.3, 1, 3.5)).position_m)
-        assert abs(touch.wrench.torque_nm).max() > 5e-4 and numpy.linalg.norm(about.torque_nm - numpy.cross(pad.rotation @ [0, 0, -4e-3], touch.wrench.force_n)) < 2e-4
+        tangential = numpy.cross(pad.rotation @ [0, 0, -4e-3], touch.wrench.force_n)
+        assert abs(touch.wrench.torque_nm).max() > 5e-4 and numpy.linalg.norm(about.torque_nm - tangential) < 2e-4
         assert ((-touch.wrench).force_n == -touch.wrench.force_n).all()
 
     def test_of_several_it_follows_the_deepest_until_that_leaves(self, simulator):
@@ -225,7 +249,12 @@ class TestCoupling:
         its.sense(HERE, {"ball": at(1, -1, 3.0)}, 0.0)
         return its
 
-    MOVED = {"along x": at(0.02, 0, 0), "along y": at(0, 0.02, 0), "deeper": at(0, 0, -0.02), "turned about z": at(0, 0, 0, xyzw=[0, 0, 0.002, 1])}
+    MOVED = {
+        "along x": at(0.02, 0, 0),
+        "along y": at(0, 0.02, 0),
+        "deeper": at(0, 0, -0.02),
+        "turned about z": at(0, 0, 0, xyzw=[0, 0, 0.002, 1]),
+    }
 
     @pytest.mark.parametrize("how", MOVED)
     def test_by_a_small_motion(self, held, simulator, how):
@@ -285,9 +314,7 @@ def mujoco():
 
 @pytest.fixture(scope="module")
 def Pad(mujoco):
-    from gelsim.adapters.mujoco import Pad
-
-    return Pad
+    return mujoco_adapter.Pad
 
 
 SCENE = """
@@ -348,9 +375,7 @@ class TestMujoco:
     def test_groups_choose_the_geoms(self, mujoco, Pad, simulator):
         text = '<geom type="sphere" size="0.004" group="2"/> <geom type="box" size="0.005 0.005 0.005" group="3"/>'
         model = mujoco.MjModel.from_xml_string(SCENE.format(tetrahedron=TETRAHEDRON, geoms=text))
-        from gelsim.adapters.mujoco import shape_of
-
-        body = model.body("object").id
+        shape_of, body = mujoco_adapter.shape_of, model.body("object").id
         assert [round(shape_of(model, body, groups).vertices[:, 0].max(), 2) for groups in ([2], [3], None)] == [4.0, 5.0, 5.0]
         with pytest.raises(gelsim.UsageError, match="no geom"):
             shape_of(model, body, [5])
@@ -444,9 +469,7 @@ class TestGymnasium:
 
     @pytest.fixture(scope="class")
     def adapter(self, gymnasium):
-        from gelsim.adapters import gymnasium as adapter
-
-        return adapter
+        return gymnasium_adapter
 
     def test_an_environment_of_touch_passes_gymnasiums_checks(self, gymnasium, adapter, simulator):
         from gymnasium.utils.env_checker import check_env

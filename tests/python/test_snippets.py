@@ -1,5 +1,6 @@
 """Python snippets of the docs run as they stand, in fresh interpreters, and leave what they say."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ from snippet import snippets
 pytestmark = pytest.mark.wheel
 
 PROJECT = Path(__file__).parents[2]
-PAGES = ["README.md", "docs/how-to/python.md"]
+PAGES = ["README.md", "docs/how-to/python.md", "docs/how-to/live.md"]
 THERE = [page for page in PAGES if (PROJECT / page).is_file()]
 FOUND = [(page, number) for page in THERE for number in range(len(snippets(PROJECT / page)))]
 
@@ -32,6 +33,8 @@ def test_a_page_has_snippets(page):
 
 @pytest.mark.parametrize("page, number", FOUND)
 def test_a_snippet_runs(request, project, place, page, number):
+    for package in re.findall(r"\b(mujoco|gymnasium)\b", snippets(project / page)[number]):
+        pytest.importorskip(package, reason=f"no {package}: pip install {package}")
     with_torch = "import torch" in snippets(project / page)[number]
     python = request.getfixturevalue("torch_python") if with_torch else sys.executable
     line = [python, Path(__file__).with_name("snippet.py"), project / page, str(number)]
