@@ -418,12 +418,14 @@ class TestGripper:
     WEIGHT_N, FRICTION = 0.2 * 9.81, 0.5
 
     @pytest.fixture(scope="class")
-    def table(self, project, mujoco, tmp_path_factory):
-        folder = tmp_path_factory.mktemp("gripper")
+    def picture(self, tmp_path_factory):
+        return tmp_path_factory.mktemp("gripper") / "mujoco.png"
 
+    @pytest.fixture(scope="class")
+    def table(self, project, mujoco, picture):
         def table(*arguments):
             script = project / "docs/examples/mujoco_gripper.py"
-            lines = run(sys.executable, script, "--fidelity", "draft", *arguments, cwd=folder).stdout.splitlines()
+            lines = run(sys.executable, script, "--fidelity", "draft", *arguments, cwd=picture.parent).stdout.splitlines()
             rows = [line.split() for line in lines if line.strip()[:1].isdigit()]
             return [(*map(float, row[:4]), row[4], *map(float, row[5:])) for row in rows]
 
@@ -447,6 +449,12 @@ class TestGripper:
     def test_the_controller_holds_it_again(self, rows):
         slipped = [row[6] for row in rows]
         assert 1.0 < slipped[-1] < 7.0 and abs(slipped[-1] - slipped[-4]) < 0.01 and rows[-1][5] > rows[0][5] + 15.0
+
+    def test_a_picture_shows_it(self, rows, picture):
+        pytest.importorskip("matplotlib", reason="no matplotlib: pip install matplotlib")
+        Image = pytest.importorskip("PIL.Image", reason="no pillow: pip install pillow")
+        image = numpy.asarray(Image.open(picture).convert("RGB"))
+        assert min(image.shape[:2]) > 800 and len(numpy.unique(image.reshape(-1, 3), axis=0)) > 1000
 
     def test_a_second_run_is_the_same(self, table, rows):
         assert table() == rows

@@ -34,7 +34,7 @@ LONGEST_S = 1.0
 """No longer is the time between two frames."""
 NEWTONMETRES = [1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3]
 """Torques of N mm in N m."""
-SAFE = 0.7
+SAFE = 0.9
 """Longest step of an engine, as a part of a radian of the quickest mode; held by two pads an object swings more quickly."""
 LEAST_N = 0.02
 """Contacts with less force than this have the stiffness of none."""
@@ -112,7 +112,7 @@ class Coupling:
             speed = (moved - self._moved) / since_s
             if since_s > self.longest_step_s and not self._has_warned:
                 said = f"steps of {1e3 * since_s:.2g} ms are too long for {self._mass:.2g} kg on this pad"
-                warnings.warn(f"{said}; take {1e3 * self.longest_step_s:.1g} ms", stacklevel=3)
+                warnings.warn(f"{said}; take {1e3 * self.longest_step_s:.2g} ms", stacklevel=3)
                 self._has_warned = True
         self._moved, self._asked_s = moved, time_s
         force = self._felt + self.stiffness @ moved + self._damping @ speed
