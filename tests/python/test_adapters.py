@@ -239,15 +239,16 @@ class TestTouch:
             make(simulator)
 
 
+@pytest.fixture(scope="module")
+def held(simulator):
+    touch = Touch(simulator, {"ball": shapes.sphere(4.0)}, friction=None)
+    its = coupling.Coupling(touch, mass_kg=0.1, damping=0.0)
+    its.sense(HERE, {"ball": at(1, -1, 3.0)}, 0.0)
+    return its
+
+
 class TestCoupling:
     """Between frames the force follows the object as frames there would say."""
-
-    @pytest.fixture(scope="class")
-    def held(self, simulator):
-        touch = Touch(simulator, {"ball": shapes.sphere(4.0)}, friction=None)
-        its = coupling.Coupling(touch, mass_kg=0.1, damping=0.0)
-        its.sense(HERE, {"ball": at(1, -1, 3.0)}, 0.0)
-        return its
 
     MOVED = {
         "along x": at(0.02, 0, 0),
@@ -412,28 +413,31 @@ class TestMujoco:
         assert numpy.interp(weight_n, straight, depths) == pytest.approx(pad.touch.depth_mm, rel=0.01)
 
 
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory):
+    return tmp_path_factory.mktemp("gripper") / "mujoco.png"
+
+
+@pytest.fixture(scope="module")
+def table(project, mujoco, picture):
+    def table(*arguments):
+        script = project / "docs/examples/mujoco_gripper.py"
+        lines = run(sys.executable, script, "--fidelity", "draft", *arguments, cwd=picture.parent).stdout.splitlines()
+        rows = [line.split() for line in lines if line.strip()[:1].isdigit()]
+        return [(*map(float, row[:4]), row[4], *map(float, row[5:])) for row in rows]
+
+    return table
+
+
+@pytest.fixture(scope="module")
+def rows(table):
+    return table()
+
+
 class TestGripper:
     """docs/examples/mujoco_gripper.py as it stands."""
 
     WEIGHT_N, FRICTION = 0.2 * 9.81, 0.5
-
-    @pytest.fixture(scope="class")
-    def picture(self, tmp_path_factory):
-        return tmp_path_factory.mktemp("gripper") / "mujoco.png"
-
-    @pytest.fixture(scope="class")
-    def table(self, project, mujoco, picture):
-        def table(*arguments):
-            script = project / "docs/examples/mujoco_gripper.py"
-            lines = run(sys.executable, script, "--fidelity", "draft", *arguments, cwd=picture.parent).stdout.splitlines()
-            rows = [line.split() for line in lines if line.strip()[:1].isdigit()]
-            return [(*map(float, row[:4]), row[4], *map(float, row[5:])) for row in rows]
-
-        return table
-
-    @pytest.fixture(scope="class")
-    def rows(self, table):
-        return table()
 
     def test_friction_carries_the_weight_between_lift_and_slip(self, rows):
         held = [row for row in rows if 0.6 < row[0] < 0.95 or row[0] > 2.0]
@@ -470,15 +474,17 @@ class TestGripper:
         assert held and all(row[3] == pytest.approx(self.WEIGHT_N / 2, rel=0.05) for row in held)
 
 
+@pytest.fixture(scope="module")
+def gymnasium():
+    return pytest.importorskip("gymnasium", reason="no gymnasium: pip install gymnasium")
+
+
+@pytest.fixture(scope="module")
+def adapter(gymnasium):
+    return gymnasium_adapter
+
+
 class TestGymnasium:
-    @pytest.fixture(scope="class")
-    def gymnasium(self):
-        return pytest.importorskip("gymnasium", reason="no gymnasium: pip install gymnasium")
-
-    @pytest.fixture(scope="class")
-    def adapter(self, gymnasium):
-        return gymnasium_adapter
-
     def test_an_environment_of_touch_passes_gymnasiums_checks(self, gymnasium, adapter, simulator):
         from gymnasium.utils.env_checker import check_env
 
