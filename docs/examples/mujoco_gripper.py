@@ -7,9 +7,11 @@ The pads' forces come from gelsim alone: MuJoCo's own contact between pads and v
 """
 
 import argparse
+import ctypes.util
 import os
 
-os.environ.setdefault("MUJOCO_GL", "osmesa")  # draws without a graphics card; egl and glfw draw, too
+if ctypes.util.find_library("OSMesa"):
+    os.environ.setdefault("MUJOCO_GL", "osmesa")  # draws without a screen
 import mujoco
 import numpy as np
 
