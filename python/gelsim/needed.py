@@ -30,6 +30,13 @@ LIBRARIES = {
     "h5py": Library("h5py", "3.11", "3.17"),
     "mujoco": Library("mujoco", "3.2"),
     "gymnasium": Library("gymnasium", "1.0"),
+    "pybullet": Library("pybullet", "3.2.6"),
+    "scipy": Library("scipy", "1.9"),
+    "trimesh": Library("trimesh", "4"),
+    "pydrake": Library("drake", "1.40"),
+    "sapien": Library("sapien", "3.0"),
+    "genesis": Library("genesis-world", "1.4"),
+    "newton": Library("newton", "1.4"),
 }
 """By the module's name."""
 

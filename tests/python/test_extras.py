@@ -200,7 +200,7 @@ def test_a_package_that_is_too_old_is_named(newest, dataset):
 def bounds(project):
     """The requirements of the extras, without markers."""
     text = (project / "pyproject.toml").read_text().split("[project.optional-dependencies]")[1].split("\n[")[0]
-    found = re.findall(r'"([A-Za-z0-9]+[<>=][^";]*)', text)
+    found = re.findall(r'"([A-Za-z0-9-]+[<>=][^";]*)', text)
     assert len(found) > 6, found
     return list(dict.fromkeys(found))
 
