@@ -73,6 +73,7 @@ ELSEWHERE = {
     "python tests/bench/others.py GELSIM": ("numpy, OpenCV and 400 MB", "tests/bench/figures.py"),
     "pip install '.[numpy]'": ("a compiler; there without numpy", "tests/python/test_install.py"),
     "pip install '.[load]'": ("a compiler; there without extras", "tests/python/test_install.py"),
+    "pip install '.[pybullet]'": ("a compiler; there without extras", "tests/python/test_install.py"),
     "pip install '.[export]'": ("a compiler; there without extras", "tests/python/test_install.py"),
     "pip install '.[mujoco]'": ("a compiler; there what it needs is there", "tests/python/test_adapters.py"),
     "pip install '.[gymnasium]'": ("a compiler; there what it needs is there", "tests/python/test_adapters.py"),
