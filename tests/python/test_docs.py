@@ -34,7 +34,7 @@ CARGO = {
         for bench in tomllib.loads((PROJECT / manifest).read_text())["bench"]
     ],
 }
-PROGRAMS = "gelsim|gelsim-export|cargo|pip|python3?|pytest|bash|sh|sbatch|kubectl|npm|docker|make"
+PROGRAMS = "gelsim|gelsim-export|taskset|cargo|pip|python3?|pytest|bash|sh|sbatch|kubectl|npm|docker|make"
 INDENTED = re.compile(rf"^    ((?:[A-Z_]+=\S+ )*(?:{PROGRAMS}) .*)$")
 FENCED = re.compile(r"(?ms)^```.*?^```$")
 CONSOLE = re.compile(r"(?m)^```console\n\$ (.*)\n((?:(?!```).*\n)*)```$")
