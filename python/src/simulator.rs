@@ -26,10 +26,9 @@ use gelsim_job::layout::Split;
 use gelsim_job::plan::{Plan, SampleSources};
 use gelsim_job::sample::Sample;
 use gelsim_job::scene::{DepthFrame, DrawnTexture, KnownPress, PressSource, Scene};
-use gelsim_job::sequence::label::FrameLabel;
+use gelsim_job::sequence::label::{FrameLabel, StepLabel};
 use glam::DVec3;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 use crate::arguments::{OptionalArgument, extract_assignments, extract_whole_number};
 use crate::arrays::{image_array, layer_array, parse_json};
@@ -480,14 +479,12 @@ impl Pressing {
 
     /// Returns the label. In a sequence it also has what only a frame's label has.
     fn label<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let label = parse_json(py, &to_json_line(&self.sample.label))?;
-        if let Some((_, frame)) = &self.frame {
-            let frame = parse_json(py, &to_json_line(frame))?.cast_into::<PyDict>()?;
-            for key in ["wrench", "slip", "numerics", "health"] {
-                label.set_item(key, frame.get_item(key)?)?;
-            }
-        }
-        Ok(label)
+        let press = &self.sample.label;
+        let label = match &self.frame {
+            None => to_json_line(press),
+            Some((_, frame)) => to_json_line(&StepLabel::new(press.clone(), frame)),
+        };
+        parse_json(py, &label)
     }
 
     /// Number in the sequence, from 0; None for a press.

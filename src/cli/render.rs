@@ -1,6 +1,5 @@
 //! `gelsim render`: turns depth frames of a simulator into tactile images.
 
-use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -19,13 +18,15 @@ use gelsim_dataset::frames::read;
 use gelsim_dataset::frames::reader::FrameReader;
 use gelsim_dataset::frames::run::{FrameRequest, RenderError, SequenceSettings, check_frames, render_frames};
 use gelsim_dataset::frames::source::{FrameSource, find_frames};
-use gelsim_dataset::frames::stream::{StreamError, render_stream};
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_job::config::Overrides;
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::plan::frames::FrameSettings;
 use gelsim_job::plan::{Plan, standalone};
+use stream::OnBrokenFrame;
+
+mod stream;
 
 /// Turn depth frames of a simulator (MuJoCo, PyBullet, Gazebo, Isaac) into tactile images: the object's distance from a
 /// camera that looks out of the sensor takes the place of a mesh, and all else is as in generate.
@@ -40,7 +41,8 @@ Example:
 
 A frame is an npy array of rows and columns (also in an npz: FILE.npz, or FILE.npz/NAME where it holds several), an EXR \
 picture or a grey 16-bit PNG. Its resolution is the image's, and shows \
-the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/how-to/simulators.md.")]
+the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/how-to/simulators.md; \
+programs that read a stream in docs/how-to/streams.md.")]
 pub struct Render {
     /// Frames: files, folders or patterns of names
     #[arg(long, value_name = "FILE|DIR|GLOB", num_args = 1.., required_unless_present = "stream")]
@@ -91,12 +93,11 @@ pub struct Render {
     /// Render even if no frame reaches the pad
     #[arg(long, conflicts_with = "stream")]
     no_contact_ok: bool,
-    #[arg(long, help = format!("Layers besides the tactile image: {}", layer_names()), value_name = "L,L", value_delimiter = ',', default_value = "depth", value_parser = parse_layer)]
-    #[arg(conflicts_with = "stream")]
+    #[arg(long, help = format!("Layers besides the tactile image: {} [default: depth; with --stream none]", layer_names()), value_name = "L,L", value_delimiter = ',', value_parser = parse_layer)]
     layers: Vec<OutputLayer>,
     /// Take the frames, in the order of their names, for one object that moves, with friction that depends on its path:
     /// the coefficient, or `stick`. Files need --poses; in a stream each frame follows an npy array of seven numbers:
-    /// quaternion x, y, z, w and x, y, z in mm
+    /// quaternion x, y, z, w and x, y, z in mm; an empty one begins another sequence
     #[arg(long, value_name = "MU|stick", value_parser = parse_friction)]
     sequence: Option<Friction>,
     /// Frames per second of a sequence, for times in labels
@@ -111,10 +112,17 @@ pub struct Render {
     /// Threads [default: all cores]
     #[arg(short = 'j', long, value_name = "T", value_parser = parse_whole_number::<usize>, conflicts_with = "stream")]
     threads: Option<usize>,
-    /// Read npy frames one after another from standard input and write the tactile image of each to standard output, as
-    /// an npy array of shape (H, W, 3), before the next is read
+    /// Read npy frames one after another from standard input and answer each on standard output before the next is read:
+    /// by the tactile image, an npy array of shape (H, W, 3), or with --labels or --layers by named parts
+    /// (docs/how-to/streams.md)
     #[arg(long, conflicts_with_all = ["depth", "out"])]
     stream: bool,
+    /// Answer each frame of a stream by named parts, its label in JSON among them
+    #[arg(long, conflicts_with = "depth")]
+    labels: bool,
+    /// What becomes of a frame of a stream that cannot be rendered
+    #[arg(long, value_name = "WHAT", value_enum, default_value_t, conflicts_with = "depth")]
+    on_broken_frame: OnBrokenFrame,
     /// Print nothing but errors
     #[arg(short, long)]
     quiet: bool,
@@ -164,7 +172,7 @@ fn layer_names() -> String {
 }
 
 impl Render {
-    pub(super) fn run(self) -> Result<(), Failure> {
+    pub(super) fn run(mut self) -> Result<(), Failure> {
         let mut problems = Diagnostics::default();
         let camera = self.depth_camera(&mut problems);
         if self.sequence.is_some() && self.poses.is_none() && !self.stream {
@@ -174,10 +182,13 @@ impl Render {
         if !(1e-3..=1e4).contains(&self.frame_rate_hz) {
             problems.push(Diagnostic::new("--frame-rate-hz is out of range").help("allowed: 0.001 to 10000"));
         }
+        if self.layers.is_empty() && !self.stream {
+            self.layers.push(OutputLayer::Depth);
+        }
         match self.out.clone() {
             // Clap sees to it that there is --out or --stream.
             Some(out) => self.render_files(&out, camera, problems),
-            None => self.render_stream(camera, &problems),
+            None => self.render_stream(camera, problems),
         }
     }
 
@@ -407,43 +418,6 @@ impl Render {
         Ok(())
     }
 
-    fn render_stream(self, camera: DepthCamera, problems: &Diagnostics) -> Result<(), Failure> {
-        if !problems.is_empty() {
-            return Err(Report::new(problems, &[]).into());
-        }
-        // A plan for a small view finds mistakes before anything is read. The first frame brings the size for which the
-        // plan is made again, unless the options say it.
-        const SMALL: [usize; 2] = [64, 48];
-        let plan =
-            if self.is_perspective() { self.plan_for_frames(None, &[])? } else { self.plan_for_view(SMALL, &[])? };
-        let is_known = plan.simulator.view().resolution_px != SMALL;
-        let for_size = |size: [usize; 2]| {
-            if is_known && (self.is_perspective() || plan.simulator.view().resolution_px == size) {
-                Ok(plan)
-            } else {
-                self.plan_for_frames(Some(size), &[])
-            }
-        };
-        let sequence = self.sequence_options();
-        let (input, output) = (io::stdin().lock(), BufWriter::new(io::stdout().lock()));
-        let log = Log::plain_text(self.quiet);
-        match render_stream(input, output, &camera, sequence, for_size, |notes| log.print_notes(&notes)) {
-            Ok(count) => {
-                if !self.quiet {
-                    print_to_stderr(&format_frame_count(count as usize));
-                }
-                Ok(())
-            }
-            Err(StreamError::OutputClosed) => Ok(()),
-            Err(StreamError::Plan(report)) => Err(report.into()),
-            Err(StreamError::Io(error)) => Err(Failure::runtime(format!("standard output: {error}"))),
-            Err(StreamError::Frame(number, problem)) => {
-                let message = format!("frame {number}: {}", problem.message);
-                Err(Failure::runtime_with_help(message, problem.help.unwrap_or_else(|| String::from(BROKEN_FRAME))))
-            }
-        }
-    }
-
     fn sequence_options(&self) -> Option<SequenceSettings> {
         self.sequence.map(|friction| SequenceSettings { friction, frame_rate_hz: self.frame_rate_hz })
     }
@@ -452,10 +426,6 @@ impl Render {
         self.projection == Some(ProjectionName::Perspective)
     }
 }
-
-/// Help for a frame of a stream that cannot be read.
-const BROKEN_FRAME: &str = "each frame is an npy file as numpy.save writes it, (H, W) of float32, float64 or uint16; images of those before \
-                            it were written";
 
 fn format_frame_count(count: usize) -> String {
     if count == 1 { String::from("1 frame") } else { format!("{count} frames") }

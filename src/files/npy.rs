@@ -10,6 +10,8 @@ mod header;
 
 use header::{HEIGHT_TYPES, Header, NUMBER_TYPES, NumberKind, explain_unknown_type, split_header};
 
+pub use header::read_announced_bytes;
+
 /// The content of a file of heights, which has two dimensions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeightArray {
@@ -259,6 +261,26 @@ mod tests {
             bytes[8..12].fill(0xff);
             assert_eq!(decode_height_array(&bytes), Err(String::from("not an npy file")));
         }
+    }
+
+    /// As `numpy.save` writes arrays of these types.
+    #[test]
+    fn the_length_of_data_is_known_for_every_type_but_objects() {
+        let bytes = |descr: &str, shape: &str| read_announced_bytes(&file(&header(descr, "False", shape), &[]));
+        for (descr, each) in
+            [("<f4", 4), ("|b1", 1), ("<c16", 16), ("|S5", 5), ("<U3", 12), ("<M8[ns]", 8), ("|V7", 7), (">i2", 2)]
+        {
+            assert_eq!(bytes(descr, "(2, 3)"), Some(6 * each), "{descr}");
+        }
+        assert_eq!((bytes("<f8", "(0,)"), bytes("<f8", "()")), (Some(0), Some(8)));
+        assert_eq!(read_announced_shape(&file(&header("<c8", "False", "(2, 3)"), &[])).ok(), None);
+        for descr in ["|O", "f4", "<f", "", "<f4x", "<x4", "é4"] {
+            assert_eq!(bytes(descr, "(2, 3)"), None, "{descr}");
+        }
+        assert_eq!(bytes("<f8", "(4294967296, 4294967296)"), None);
+        let records = "{'descr': [('x', '<f4')], 'fortran_order': False, 'shape': (1, 1), }";
+        assert_eq!(read_announced_bytes(&file(records, &[])), None);
+        assert_eq!(read_announced_bytes(b"\x93NUMPY\x01\x00"), None);
     }
 
     #[test]

@@ -44,6 +44,7 @@ mod schema;
 mod sensor_sets;
 mod sequences;
 mod several;
+mod streams;
 mod surface_points;
 mod terminal;
 mod tradeoff;

@@ -7,12 +7,14 @@
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 use gelsim_core::base::grid::{Grid, Rect};
 use gelsim_core::base::view::View;
 use gelsim_core::depth::Depth;
 use gelsim_core::effects::{EffectLog, EffectPolicy};
+use gelsim_core::fidelity::Fidelity;
+use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::gelpad::{Contact, no_deformation};
 use gelsim_core::mesh::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
@@ -21,8 +23,10 @@ use gelsim_core::optics::calibrated::{Calibrated, CalibratedShader};
 use gelsim_dataset::archive::{self, SampleFiles};
 use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
 use gelsim_dataset::frames::check::FrameReach;
+use gelsim_dataset::frames::run::SequenceSettings;
 use gelsim_dataset::frames::source::FrameSource;
-use gelsim_dataset::frames::stream::{StreamError, render_stream};
+use gelsim_dataset::frames::stream::input::{StreamInput, StreamMessage};
+use gelsim_dataset::frames::stream::{AnswerForm, StreamError, StreamSettings, render_stream};
 use gelsim_dataset::frames::{poses as poses_file, read};
 use gelsim_dataset::manifest::Manifest;
 use gelsim_dataset::recorded::RecordedDataset;
@@ -39,9 +43,13 @@ use gelsim_job::label::Label;
 use gelsim_job::layers::{DepthFormat, LayerCoding, OutputLayer, StepScale};
 use gelsim_job::layout::Layout;
 use gelsim_job::plan::Plan;
+use gelsim_job::plan::frames::FrameSettings;
 use gelsim_job::steps::{self, Steps};
 use gelsim_lab::presses::{self as press_file, Circle};
 use gelsim_lab::preview::{LayerSelection, Tile, draw_tile_sheet};
+
+#[path = "answers.rs"]
+pub mod answers;
 
 /// A job is refused with a report that can be shown, or is the same after being written out and read again.
 pub fn job(bytes: &[u8]) {
@@ -450,11 +458,80 @@ pub fn frame(bytes: &[u8]) {
     }
     // No plan is made: what would be rendered is no matter of reading.
     let refused = |_| Err(Report::from_message("a plan is not wanted"));
-    match render_stream(bytes, Vec::new(), &camera(DepthProjection::Orthographic), None, refused, |_| {}) {
+    let camera = camera(DepthProjection::Orthographic);
+    let settings = StreamSettings { camera: &camera, sequence: None, answers: AnswerForm::Npy };
+    match render_stream(bytes, Vec::new(), &settings, refused, |_| {}) {
         Ok(frames) => assert!(frames == 0 && bytes.is_empty()),
         Err(StreamError::Frame(0, problem)) => assert!(!problem.message.is_empty()),
         Err(StreamError::Plan(_)) => {}
         Err(other) => panic!("{other:?}"),
+    }
+}
+
+/// A stream is taken apart as frames alone and as poses and frames. Each frame is answered, by arrays as long as their
+/// shapes or by a reason; a stream of which nothing came does not end well, and what is said of it has an end.
+pub fn stream(bytes: &[u8]) {
+    const SIZE: [usize; 2] = [8, 6];
+    let plan = |sequence: bool| {
+        let overrides = Overrides {
+            set: vec![(String::from("--set"), String::from("markers.pitch_mm=4.0"))],
+            fidelity: Some(Fidelity::Draft),
+        };
+        let layers = [OutputLayer::Surface, OutputLayer::Contact, OutputLayer::Normal, OutputLayer::Markers];
+        let frames = FrameSettings {
+            sensor: "gelsight-2014",
+            resolution_px: SIZE,
+            layers: &layers,
+            classes: &[],
+            moved: false,
+            sequence,
+            overrides: &overrides,
+        };
+        frames.resolve_plan().unwrap_or_else(|report| panic!("{report}"))
+    };
+    static PLANS: OnceLock<[Plan; 2]> = OnceLock::new();
+    let plans = PLANS.get_or_init(|| [plan(false), plan(true)]);
+    let camera = DepthCamera {
+        unit: DepthUnit::Millimetre,
+        plane_mm: 10.0,
+        max_depth_mm: None,
+        background: None,
+        flip: [false; 2],
+        offset_px: [0.0; 2],
+        projection: DepthProjection::Orthographic,
+        along: DistanceAlong::Axis,
+    };
+    let friction = Friction::Coulomb { coefficient: 0.3 };
+    let sequences = [None, Some(SequenceSettings { friction, frame_rate_hz: 25.0 })];
+    for (sequence, plan) in sequences.into_iter().zip(plans) {
+        let mut input = StreamInput::new(bytes, sequence.is_some());
+        loop {
+            match input.read_message() {
+                Ok(None) => break,
+                Ok(Some(StreamMessage::Reset)) => assert!(sequence.is_some()),
+                Ok(Some(StreamMessage::Frame(Ok(frame)))) => {
+                    assert_eq!(frame.known.is_some(), sequence.is_some());
+                    assert!(frame.depth.data.len() <= bytes.len() && !frame.depth.data.is_empty());
+                }
+                Ok(Some(StreamMessage::Frame(Err(problem)))) => assert!(!problem.message.is_empty()),
+                Err(reason) => break assert!(!reason.is_empty()),
+            }
+        }
+        let for_size = |size| if size == SIZE { Ok(plan.clone()) } else { Err(Report::from_message("another size")) };
+        let answers = AnswerForm::Parts { with_label: true, skips_broken: true };
+        let settings = StreamSettings { camera: &camera, sequence, answers };
+        let (mut written, mut told) = (Vec::new(), 0);
+        let ended = render_stream(bytes, &mut written, &settings, for_size, |_| told += 1);
+        let found = answers::answers(&written);
+        assert!(found.iter().zip(0..).all(|(answer, number)| answer.frame == number));
+        let rendered = found.iter().filter(|answer| answer.status == 0).count();
+        match ended {
+            Ok(frames) => assert!(frames == found.len() as u64 && (rendered > 0 || frames == 0)),
+            Err(StreamError::AllSkipped(frames, _)) => assert!(frames == found.len() as u64 && rendered == 0),
+            Err(StreamError::Frame(number, _)) => assert_eq!(number, found.len() as u64),
+            Err(other) => panic!("{other:?}"),
+        }
+        assert!(told < 30);
     }
 }
 

@@ -14,6 +14,9 @@ mod damage;
 mod entry;
 mod limits;
 
+pub use damage::damaged;
+pub use entry::answers;
+
 macro_rules! targets {
     ($($target:ident: $cases:literal),*) => { $(
         mod $target {
@@ -50,6 +53,7 @@ targets!(
     presses: 60_000,
     calibration: 80_000,
     frame: 60_000,
+    stream: 5_000,
     poses: 15_000
 );
 

@@ -108,6 +108,8 @@ ELSEWHERE = {
     " --out from-perspective": ("MuJoCo's frames", "tests/python/test_simulators.py"),
     "gelsim render --depth inside --depth-unit m --max-depth-mm 99 --projection perspective --fov-y-deg 73.7398 --sensor geltip"
     " --out from-inside": ("MuJoCo's frames", "tests/python/test_simulators.py"),
+    "gelsim render --stream --labels --layers surface --depth-unit m --plane-mm 10 --sensor gelsight-2014 <frames.npy"
+    " | ./read_answers": ("a C compiler", "tests/python/test_streams.py"),
     "gelsim calibrate --gelsight devices/series2_2EF6_4JNW.yaml --out my-sensor.toml": (
         "GelSight's files; there with made-up ones",
         "tests/cli/gelsight.rs",

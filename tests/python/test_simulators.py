@@ -259,9 +259,10 @@ def test_a_slide_ends_in_gross_slip_at_the_forces_of_friction(slide):
     assert rows[-1]["slip"]["state"] == "gross" and abs(forces[-1, 0] / (-0.3 * forces[-1, 2]) - 1) < 0.02
 
 
-def test_a_streams_images_are_those_of_the_files(page, pressed, folder):
-    found = [code for code in snippets(page) if "--stream" in code]
-    assert len(found) == 1, f"{page} has no script of --stream, or several"
+def test_a_streams_images_are_those_of_the_files(project, pressed, folder):
+    page = project / "docs/how-to/streams.md"
+    found = [code for code in snippets(page) if "def tactile" in code]
+    assert len(found) == 1, f"{page} has no script with images, or several"
     run(sys.executable, "-c", found[0] + "\nnumpy.save('images.npy', images)\nassert touch.wait() == 0\n", cwd=folder)
     images = numpy.load(folder / "images.npy")
     assert len(images) == 2

@@ -1,13 +1,17 @@
-"""Many samples, sequences and frames of a loop in one run each: the memory that takes does not grow.
+"""Many samples and sequences in one run each, long streams and loops: the memory that takes does not grow.
 
     pytest tests/python/test_soak.py --full -rP
 
 shows the resident memory of the program after each tenth of the run.
 """
 
+import io
+import itertools
 import pathlib
 import re
+import struct
 import subprocess
+import threading
 import time
 
 import pytest
@@ -88,6 +92,96 @@ def test_memory_does_not_grow_during_a_run(run_gelsim, gelsim_path, project, tmp
     print(f"{time.monotonic() - start:.0f} s; MB after each tenth: {' '.join(f'{mb:.0f}' for mb in most)}")
     assert len(most) > 5, "too short to say anything"
     assert most[-1] <= 1.1 * most[1] + 4
+
+
+STREAM = "render --stream --quiet --depth-unit mm --plane-mm 10 --sensor gelsight-2014 --fidelity draft"
+PARTS = "--labels --layers surface,normal,contact --on-broken-frame skip"
+# Rows and columns.
+SIZE = (48, 64)
+
+
+def stream_messages(numpy, in_sequence):
+    """What a stream is fed with, again and again: a ball that comes and goes; every tenth frame has holes, and before every fiftieth of
+    a sequence another object begins."""
+    y, x = ((numpy.arange(count) + 0.5 - count / 2) * 20 / SIZE[1] for count in SIZE)
+    over = 4 - numpy.sqrt(numpy.maximum(16 - x**2 - y[:, None] ** 2, 0))
+
+    def npy(array):
+        file = io.BytesIO()
+        numpy.save(file, array)
+        return file.getvalue()
+
+    for k in range(100):
+        frame = 10 - 0.7 * numpy.sin(k / 16) ** 2 + over
+        message = npy(numpy.full(SIZE, numpy.nan) if k % 10 == 9 else frame)
+        if in_sequence:
+            reset = npy(numpy.zeros(0)) if k % 50 == 0 else b""
+            message = reset + npy(numpy.array([0, 0, 0, 1, 0.01 * k, 0, 3.5])) + message
+        yield message
+
+
+def read_answer(pipe):
+    """Reads an answer, and gives its status."""
+    header = pipe.read(32)
+    _, status, _, _, _, size = struct.unpack("<4sIQIIQ", header)
+    assert len(pipe.read(size)) == size
+    return status
+
+
+@pytest.mark.parametrize(
+    "flags, frames, pause_s",
+    [("", 20_000, 0), ("--sequence 0.3", 6000, 0), ("", 1200, 1 / 60), ("", 2000, "now and then")],
+    ids=["as fast as it goes", "a sequence", "60 Hz", "a slow reader"],
+)
+def test_memory_does_not_grow_during_a_stream(gelsim_path, flags, frames, pause_s):
+    """In the second half it is what it was in the first, but for 1 MB."""
+    numpy = pytest.importorskip("numpy", reason="no numpy: pip install numpy")
+    messages = list(stream_messages(numpy, bool(flags)))
+    line = [gelsim_path, *STREAM.split(), *PARTS.split(), *flags.split()]
+    run = subprocess.Popen(line, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def feed():
+        for message in itertools.islice(itertools.cycle(messages), frames):
+            run.stdin.write(message)
+            run.stdin.flush()
+            if isinstance(pause_s, float):
+                time.sleep(pause_s)
+        run.stdin.close()
+
+    feeder = threading.Thread(target=feed)
+    feeder.start()
+    start, tenths, statuses = time.monotonic(), [[] for _ in range(10)], [0, 0]
+    for k in range(frames):
+        statuses[read_answer(run.stdout)] += 1
+        if k % 50 == 0:
+            tenths[10 * k // frames].append(resident_mb(run.pid))
+            if pause_s == "now and then":
+                time.sleep(0.2)
+    assert run.stdout.read() == b""
+    feeder.join()
+    assert run.wait() == 0 and statuses == [frames * 9 // 10, frames // 10]
+    most = [max(some) for some in tenths]
+    print(f"{time.monotonic() - start:.0f} s; MB in each tenth: {' '.join(f'{mb:.0f}' for mb in most)}")
+    assert max(most[5:]) <= max(most[:5]) + 1
+
+
+@pytest.mark.parametrize("flags", ["", PARTS], ids=["images", "parts"])
+def test_readers_that_die_end_their_streams(gelsim_path, flags):
+    """Wherever in an answer they do."""
+    numpy = pytest.importorskip("numpy", reason="no numpy: pip install numpy")
+    message = next(stream_messages(numpy, False))
+    for read in [0, 1, 31, 32, 5000, 9000, 70_000, 300_000]:
+        run = subprocess.Popen([gelsim_path, *STREAM.split(), *flags.split()], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        reader = subprocess.Popen(["head", "-c", str(read)], stdin=run.stdout, stdout=subprocess.DEVNULL)
+        run.stdout.close()
+        try:
+            while True:
+                run.stdin.write(message)
+                run.stdin.flush()
+        except BrokenPipeError:
+            pass
+        assert reader.wait() == 0
+        assert (run.stderr.read(), run.wait()) == (b"", 0)
 
 
 @pytest.mark.wheel

@@ -98,20 +98,43 @@ pub(super) struct Header<'a> {
     pub(super) shape: Vec<usize>,
 }
 
-impl<'a> Header<'a> {
+/// Reads, from the beginning of an npy file up to the end of its header, the number of bytes of its data, also of a type
+/// that is not taken. Returns `None` if the header does not say it.
+pub fn read_announced_bytes(beginning: &[u8]) -> Option<u64> {
+    let (text, _) = split_text(beginning)?;
+    let WrittenHeader { type_name, shape, .. } = WrittenHeader::read(text).ok()?;
+    // `<c16`, `|S5`, `<U3`, `<M8[ns]`: the byte order, the kind and the size.
+    let (kind, size) = type_name.strip_prefix(['<', '>', '|'])?.split_at_checked(1)?;
+    let end = size.find('[').unwrap_or(size.len());
+    let each = match kind {
+        "b" | "i" | "u" | "f" | "c" | "S" | "V" | "M" | "m" => 1,
+        "U" => 4,
+        // Python objects, which are as long as they are.
+        _ => return None,
+    };
+    let each = size[..end].parse::<u64>().ok()?.checked_mul(each)?;
+    shape.iter().try_fold(each, |length, size| length.checked_mul(*size as u64))
+}
+
+/// What a header says, before its type is looked up.
+struct WrittenHeader<'a> {
+    type_name: &'a str,
+    is_fortran: bool,
+    shape: Vec<usize>,
+}
+
+impl<'a> WrittenHeader<'a> {
     /// Parses a Python dictionary such as `{'descr': '<f4', 'fortran_order': False, 'shape': (3, 4), }`.
-    fn read(text: &'a [u8], allowed: &str) -> Result<Self, String> {
+    fn read(text: &'a [u8]) -> Result<Self, String> {
         let mut words = HeaderParser(str::from_utf8(text).map_err(|_| "its header is not text")?);
-        let (mut number, mut is_fortran, mut shape) = (None, None, None);
+        let (mut type_name, mut is_fortran, mut shape) = (None, None, None);
         words.expect_mark('{')?;
         while !words.skip_mark('}') {
             let key = words.parse_quoted()?;
             words.expect_mark(':')?;
             match key {
                 "descr" => {
-                    let name = words.parse_quoted().map_err(|_| "its values are records, not numbers")?;
-                    number =
-                        Some((name, NumberType::from_name(name).ok_or_else(|| explain_unknown_type(name, allowed))?));
+                    type_name = Some(words.parse_quoted().map_err(|_| "its values are records, not numbers")?);
                 }
                 "fortran_order" => is_fortran = Some(words.parse_bool()?),
                 "shape" => shape = Some(words.parse_shape()?),
@@ -122,12 +145,18 @@ impl<'a> Header<'a> {
                 break;
             }
         }
-        match (number, is_fortran, shape) {
-            (Some((name, number)), Some(is_fortran), Some(shape)) => {
-                Ok(Self { type_name: name, number, is_fortran, shape })
-            }
+        match (type_name, is_fortran, shape) {
+            (Some(type_name), Some(is_fortran), Some(shape)) => Ok(Self { type_name, is_fortran, shape }),
             _ => Err(String::from("its header lacks `descr`, `fortran_order` or `shape`")),
         }
+    }
+}
+
+impl<'a> Header<'a> {
+    fn read(text: &'a [u8], allowed: &str) -> Result<Self, String> {
+        let WrittenHeader { type_name, is_fortran, shape } = WrittenHeader::read(text)?;
+        let number = NumberType::from_name(type_name).ok_or_else(|| explain_unknown_type(type_name, allowed))?;
+        Ok(Self { type_name, number, is_fortran, shape })
     }
 
     /// Returns the number of bytes of the data, or `None` if no memory is that large.

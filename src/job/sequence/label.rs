@@ -33,6 +33,19 @@ pub struct FrameRow {
     pub frame: FrameLabel,
 }
 
+/// A frame of a sequence that goes on: the label of a press, with wrench and state of friction. The label of the
+/// complete sequence is not known before its end.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StepLabel {
+    /// The frame as a press, with `numerics` and `health` of the frame.
+    #[serde(flatten)]
+    pub press: Label,
+    /// Force and torque of the object on the pad, in view and beyond.
+    pub wrench: WrenchLabel,
+    /// State of friction.
+    pub slip: SlipLabel,
+}
+
 /// What holds for all frames of a sequence.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CommonLabel {
@@ -218,6 +231,14 @@ impl FrameLabel {
             health,
             effects,
         }
+    }
+}
+
+impl StepLabel {
+    /// Makes the label of a frame from the label that a press of it would have, and from its entry in a sequence.
+    pub fn new(press: Label, frame: &FrameLabel) -> Self {
+        let FrameLabel { wrench, slip, numerics, health, .. } = frame.clone();
+        Self { press: Label { numerics, health, ..press }, wrench, slip }
     }
 }
 
