@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 
-use super::foreign;
 use super::spelling::find_nearest_name;
+use super::{foreign, watch};
 
 /// Largest image or array, bytes.
 pub const MAX_IMAGE_BYTES: u64 = 1 << 30;
@@ -34,7 +34,11 @@ pub fn open_without_links(path: &Path) -> io::Result<(File, u64)> {
 fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
     // Opening a pipe would otherwise wait for its other end.
     let flags = (flags | OFlags::NONBLOCK | OFlags::NOCTTY).bits() as i32;
-    let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
+    let opened = OpenOptions::new().read(true).custom_flags(flags).open(path);
+    if opened.is_err() {
+        watch::note_path(path);
+    }
+    let file = match opened {
         Err(error) if error.raw_os_error() == Some(Errno::LOOP.raw_os_error()) => {
             return Err(io::Error::other("it is a symbolic link, or one of a circle of them"));
         }
@@ -45,6 +49,7 @@ fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
         opened => opened?,
     };
     let metadata = file.metadata()?;
+    watch::note_open_file(path, &metadata);
     if metadata.is_dir() {
         return Err(io::Error::other("it is a folder"));
     }
@@ -79,6 +84,7 @@ pub fn suggest_file_name(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Opti
 /// Returns true for a regular file or a link to one. A path of which the system tells nothing counts as a file, too:
 /// reading it then reports why, and it is not silently left out.
 pub fn may_be_file(path: &Path) -> bool {
+    watch::note_path(path);
     path.metadata().map_or_else(|error| !is_not_found(&error), |metadata| metadata.is_file())
 }
 

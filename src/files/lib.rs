@@ -44,6 +44,8 @@ pub mod source;
 #[cfg(feature = "formats")]
 pub mod store;
 #[cfg(feature = "formats")]
+pub mod watch;
+#[cfg(feature = "formats")]
 pub mod write;
 #[cfg(feature = "formats")]
 pub mod zip;

@@ -1,5 +1,6 @@
 //! Reads and checks the images and tables that a job names, and remembers their hashes.
 
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -31,8 +32,10 @@ pub fn read_input_file<T>(
     let found = check.document.folder_of(key).join(&path);
     let is_there = found.is_file();
     let bytes = match found.to_str() {
-        Some(_) if !found.exists() => Err(String::from("it does not exist")),
-        Some(_) => input::read(&found, input::MAX_IMAGE_BYTES).map_err(|error| error.to_string()),
+        Some(_) => input::read(&found, input::MAX_IMAGE_BYTES).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => String::from("it does not exist"),
+            _ => error.to_string(),
+        }),
         None => Err(String::from("its path is not UTF-8, so that no job can hold it")),
     };
     let (content, hash) = match bytes.and_then(|bytes| Ok((decode(&bytes)?, hash::sha256(&bytes)))) {

@@ -12,6 +12,7 @@ use crate::layout::Split;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::input::{collect_matching_files, may_be_file, suggest_file_name};
 use gelsim_files::mesh::{self, Format, HEIGHT_MAP_HELP, is_height_map};
+use gelsim_files::watch;
 
 /// A kind of file that a path may name.
 pub struct FileKind {
@@ -121,6 +122,9 @@ pub fn find_files(
             return Err(MANY);
         }
     };
+    // A file that is added to a folder changes it.
+    let base = path.ancestors().find(|above| !is_pattern(&above.to_string_lossy()));
+    base.into_iter().chain(found.iter().filter_map(|path| path.parent())).for_each(watch::note_path);
     if let Some(odd) = found.iter().find_map(|path| find_non_utf8_path(path)).or_else(|| find_non_utf8_match(&path)) {
         return refuse_non_utf8_name(check, place, &odd);
     }
@@ -139,6 +143,7 @@ pub fn resolve_folders(check: &mut JobChecker<'_>, place: &str, written: &mut [S
     for (i, written) in written.iter_mut().enumerate() {
         let place = format!("{place}.{i}");
         let path = check.document.folder_of(&place).join(&*written);
+        watch::note_path(&path);
         let absolute = std::path::absolute(&path).ok().and_then(|path| path.into_os_string().into_string().ok());
         match absolute.filter(|_| path.is_dir()) {
             Some(absolute) => *written = absolute,
