@@ -224,12 +224,18 @@ impl JobOverrides {
         flags.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name).collect()
     }
 
-    /// Prints the notes on a job. With `--strict`, fails if there are any.
-    fn report_notes(&self, notes: &Report, log: Log) -> Result<(), Failure> {
+    /// With `--strict`, fails if there are notes on a job.
+    fn refuse_notes(&self, notes: &Report) -> Result<(), Failure> {
         if self.strict && !notes.filter_by_severity(Severity::Note).is_empty() {
             let why = "--strict treats notes and warnings as errors: change the job, or leave --strict out";
             return Err(notes.filter_by_severity(Severity::Note).to_errors(why).into());
         }
+        Ok(())
+    }
+
+    /// Prints the notes on a job. With `--strict`, fails if there are any.
+    fn report_notes(&self, notes: &Report, log: Log) -> Result<(), Failure> {
+        self.refuse_notes(notes)?;
         if self.verbose {
             log.print_all_notes(notes)
         } else {

@@ -13,7 +13,7 @@ use super::store::{local_path_parser, require_local_folder};
 use super::{Failure, JobOverrides, Log, output_file, settle_fidelity};
 use gelsim_core::effects::Effect;
 use gelsim_dataset::recorded::RecordedDataset;
-use gelsim_files::diagnostic::{Diagnostic, user_error};
+use gelsim_files::diagnostic::{Diagnostic, Report, user_error};
 use gelsim_files::png::encode_small;
 use gelsim_files::spelling::{find_nearest_name, quote_for_shell};
 use gelsim_job::layers::OutputLayer;
@@ -25,6 +25,9 @@ use gelsim_lab::preview::film::encode_animation;
 use gelsim_lab::preview::panel::has_picture;
 use gelsim_lab::preview::{LayerSelection, Tile, draw_tile_sheet, make_sample_files};
 
+mod server;
+mod watch;
+
 /// Draw a contact sheet: tactile image, depth and contact mask, or the layers that are named, with class, depth and
 /// split below each. Of a dataset, every split and class has its share of the sheet. Or show what each effect changes
 /// in a job's samples.
@@ -35,14 +38,22 @@ Example:
   gelsim preview out/quickstart --out sample.png --key 42
   gelsim preview configs/gallery.toml --layers normal,pressure --out layers.png
   gelsim preview configs/effects.toml --effects --out effects.png
-  gelsim preview configs/slip.toml --key 0 --apng --out slip.png")]
+  gelsim preview configs/slip.toml --key 0 --apng --out slip.png
+  gelsim preview configs/quickstart.toml --watch")]
 pub struct Preview {
     /// A dataset's folder, or a job whose samples are rendered on the spot
     #[arg(value_name = "DIR|JOB.toml")]
     source: PathBuf,
     /// The picture to write: PNG, or JPEG if its name ends in .jpg
-    #[arg(short, long, value_name = "FILE.png", value_parser = local_path_parser())]
-    out: PathBuf,
+    #[arg(short, long, value_name = "FILE.png", value_parser = local_path_parser(), required_unless_present = "watch")]
+    out: Option<PathBuf>,
+    /// Show the sheet in a browser at the address that is printed, and again whenever the job or one of its files
+    /// changes. Only this machine can open it, and nothing is written
+    #[arg(long, conflicts_with_all = ["out", "effects", "apng", "columns", "panel"])]
+    watch: bool,
+    /// Port of that address [default: a free one]
+    #[arg(long, value_name = "PORT", requires = "watch", conflicts_with = "out", value_parser = clap::value_parser!(u16).range(1..))]
+    port: Option<u16>,
     /// Draw only this sample, at full size unless --panel says otherwise
     #[arg(long, value_name = "K", value_parser = parse_whole_number::<u64>)]
     key: Option<u64>,
@@ -75,12 +86,15 @@ const ENDINGS: [&str; 3] = ["png", "jpg", "jpeg"];
 impl Preview {
     pub(super) fn run(self) -> Result<(), Failure> {
         require_local_folder(&self.source, "preview")?;
+        if self.watch {
+            return watch::watch_job(&self);
+        }
         let (endings, example) = if self.apng { (&ENDINGS[..1], "film.png") } else { (&ENDINGS[..], "sheet.png") };
-        output_file::check_output_path(&self.out, endings, example)?;
+        output_file::check_output_path(self.out(), endings, example)?;
         let panel = |default: u32| self.panel.unwrap_or(default).max(1);
         if self.effects {
             return write_picture(
-                &self.out,
+                self.out(),
                 &effects::draw_effect_sheet(&self.compare_effects()?, panel(effects::WIDEST_PANEL)),
             );
         }
@@ -92,7 +106,12 @@ impl Preview {
             Some(_) => draw_tile_sheet(&tiles, 1, panel(u32::MAX)),
             None => draw_tile_sheet(&tiles, self.columns, panel(240)),
         };
-        write_picture(&self.out, &picture)
+        write_picture(self.out(), &picture)
+    }
+
+    /// The picture to write, which is missing with --watch alone.
+    fn out(&self) -> &Path {
+        self.out.as_deref().unwrap_or(Path::new(""))
     }
 
     /// Writes the frames of a sequence as an animated PNG.
@@ -103,7 +122,7 @@ impl Preview {
             let help = format!(
                 "leave --apng out: gelsim preview {} --key {key} --out {}",
                 quote_for_shell(&self.source),
-                quote_for_shell(&self.out)
+                quote_for_shell(self.out())
             );
             user_error(message, help).into()
         };
@@ -123,19 +142,29 @@ impl Preview {
             self.check_key(key, plan.layout.sample_count())?;
             encode_animation(&make_sample_files(&plan, key)).map_err(Failure::runtime)?
         };
-        output_file::write_whole_file(&self.out, &film.ok_or_else(|| still("this sample is"))?)
+        output_file::write_whole_file(self.out(), &film.ok_or_else(|| still("this sample is"))?)
     }
 
+    /// Reads the job, and prints what the user should know of it.
     fn load_plan(&self) -> Result<Plan, Failure> {
+        let plan = self.read_plan()?;
+        self.overrides.report_notes(&preview_job(&plan).notes, Log::plain_text(false))?;
+        Log::plain_text(false).print_notes(&plan.note_one_of_sensors());
+        Ok(plan)
+    }
+
+    fn read_plan(&self) -> Result<Plan, Failure> {
         let mut overrides = self.overrides.to_overrides();
         if !self.layers.is_empty() {
             let names: Vec<String> = self.layers.iter().map(|layer| format!("\"{}\"", layer.name())).collect();
             overrides.set.push((String::from("--layers"), format!("output.layers = [{}]", names.join(", "))));
         }
-        let plan = settle_fidelity(Plan::load(&self.source, &overrides)?, None, Log::plain_text(false))?;
-        self.overrides.report_notes(&preview_job(&plan).notes, Log::plain_text(false))?;
-        Log::plain_text(false).print_notes(&plan.note_one_of_sensors());
-        Ok(plan)
+        settle_fidelity(Plan::load(&self.source, &overrides)?, None, Log::plain_text(false))
+    }
+
+    /// Finds what the user should know of a job.
+    fn find_notes(&self, plan: &Plan) -> Report {
+        preview_job(plan).notes.merged_with(plan.note_one_of_sensors())
     }
 
     /// Opens the dataset. Fails if there are flags that only change a job.
@@ -163,7 +192,7 @@ impl Preview {
         if self.source.is_dir() {
             RecordedDataset::open(&self.source)?;
             let message = format!("--effects renders a job's samples anew, and {} is a dataset", self.source.display());
-            let (job, out) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(&self.out));
+            let (job, out) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(self.out()));
             let help = format!("preview the job that it was made by: gelsim preview {job} --effects --out {out}");
             return Err(user_error(message, help).into());
         }
@@ -193,15 +222,20 @@ impl Preview {
     /// Renders samples of a job: the one asked for, or the first ones.
     fn render_job_tiles(&self) -> Result<Vec<Tile>, Failure> {
         let plan = self.load_plan()?;
-        let samples = plan.layout.sample_count();
-        let indices = match self.key {
-            Some(key) => vec![self.check_key(key, samples)?],
-            None => (0..self.count.clamp(1, samples.max(1))).collect(),
-        };
+        let indices = self.choose_job_samples(&plan)?;
         let wanted = self.layer_selection();
         let tiles = indices.par_iter().map(|&index| Tile::render_sample(&plan, index, &wanted)).collect();
         Failure::check_meshes(&plan)?;
         Ok(tiles)
+    }
+
+    /// Chooses samples of a job: the one asked for, or the first ones.
+    fn choose_job_samples(&self, plan: &Plan) -> Result<Vec<u64>, Failure> {
+        let samples = plan.layout.sample_count();
+        Ok(match self.key {
+            Some(key) => vec![self.check_key(key, samples)?],
+            None => (0..self.count.clamp(1, samples.max(1))).collect(),
+        })
     }
 
     /// Reads samples of a dataset: the one asked for, or some of every split and class.
@@ -251,7 +285,7 @@ impl Preview {
         }
         let asked: Vec<&str> = self.layers.iter().map(|layer| layer.name()).collect();
         let shown: Vec<&str> = recorded.iter().filter(|layer| has_picture(**layer)).map(|layer| layer.name()).collect();
-        let (job, out) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(&self.out));
+        let (job, out) = (quote_for_shell(&self.source.join("job.toml")), quote_for_shell(self.out()));
         let render = format!("its job renders others: gelsim preview {job} --layers {} --out {out}", asked.join(","));
         let help = if shown.is_empty() {
             format!("leave --layers out, for the dataset has only tactile images; {render}")

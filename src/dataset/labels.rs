@@ -1,6 +1,6 @@
 //! Reads the label of a sample: of a press, of a sequence, or of a grip.
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_json::Value;
 
 use gelsim_job::gripper::FINGER_NAMES;
@@ -62,14 +62,8 @@ impl SampleLabel {
     /// Reads a label and checks that its keys are exactly those of the schema. The error says what is wrong with it.
     pub fn read_strictly(bytes: &[u8]) -> Result<Self, String> {
         let label = Self::read(bytes)?;
-        let written = match &label {
-            Self::Press(label) => to_value(&**label),
-            Self::Sequence(label, _) => to_value(&**label),
-            Self::Grip(label, _) => to_value(&**label),
-            Self::GripSequence(label, _) => to_value(&**label),
-        };
         let read = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
-        match written.and_then(|written| find_difference(&read, &written, "")) {
+        match serde_json::to_value(&label).ok().and_then(|written| find_difference(&read, &written, "")) {
             None => Ok(label),
             Some(difference) => Err(difference),
         }
@@ -102,6 +96,17 @@ impl SampleLabel {
     }
 }
 
+impl Serialize for SampleLabel {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Press(label) => label.serialize(serializer),
+            Self::Sequence(label, _) => label.serialize(serializer),
+            Self::Grip(label, _) => label.serialize(serializer),
+            Self::GripSequence(label, _) => label.serialize(serializer),
+        }
+    }
+}
+
 /// The parts of a file's suffix, which stands behind its sample's key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SuffixParts<'a> {
@@ -127,10 +132,6 @@ pub fn split_suffix(suffix: &str) -> SuffixParts<'_> {
         _ => (None, rest),
     };
     SuffixParts { frame, finger, layer }
-}
-
-fn to_value(label: &impl Serialize) -> Option<Value> {
-    serde_json::to_value(label).ok()
 }
 
 /// Finds the first place, at `place` or below, in which a label differs from what the schema makes of it. Returns what

@@ -1,5 +1,5 @@
 //! Contact sheets of samples: the tactile image and layers of a press, those of both fingers of a grip, some frames of
-//! a sequence. Each sample has a caption, and all numbers of a layer share one scale.
+//! a sequence. Each sample has a caption, and all numbers of a layer share one scale. [`live`] keeps a sheet up to date.
 
 use image::RgbImage;
 
@@ -24,14 +24,16 @@ use gelsim_job::steps::Steps;
 mod canvas;
 pub mod choice;
 pub mod effects;
+mod facts;
 pub mod film;
+pub mod live;
 pub mod panel;
 pub mod rows;
 mod sheet;
 
 pub use canvas::amplify_difference;
 use canvas::{join_panels, shrink_panel};
-use panel::{Panel, PanelView, Scales};
+use panel::{Heading, Panel, PanelView, Scales};
 pub use sheet::draw_tile_sheet;
 
 /// A sample on a sheet: rows of pictures below the headings of their columns.
@@ -80,8 +82,14 @@ const PHASE_LETTERS: usize = 20;
 impl Tile {
     /// Renders sample `index` of a plan, whose output must have the layers that are selected by name.
     pub fn render_sample(plan: &Plan, index: u64, wanted: &LayerSelection) -> Self {
+        Self::render_with_label(plan, index, wanted).0
+    }
+
+    /// Renders a sample as [`Self::render_sample`] does, and returns its label, too.
+    pub fn render_with_label(plan: &Plan, index: u64, wanted: &LayerSelection) -> (Self, SampleLabel) {
         if plan.job().sequence.is_some() || plan.job().gripper.is_some() {
-            return Self::from_files(&make_sample_files(plan, index), wanted).expect("files that were made just now");
+            return Self::from_labelled_files(&make_sample_files(plan, index), wanted)
+                .expect("files that were made just now");
         }
         let sample = render_for_display(plan, index);
         let layers = match wanted {
@@ -94,19 +102,24 @@ impl Tile {
         let (views, panels): (Vec<PanelView>, Vec<Panel>) = std::iter::once(tactile).chain(shown).unzip();
         let columns = views.into_iter().map(TileColumn::View).collect();
         let rows = vec![TileRow { finger: None, view: None, panels }];
-        Self::new(columns, rows, press_caption(&sample.label), &sample.label)
+        let tile = Self::new(columns, rows, press_caption(&sample.label), &sample.label);
+        (tile, SampleLabel::Press(Box::new(sample.label)))
     }
 
     /// Makes the tile of a dataset's sample from its files. An error names the file that is missing or cannot be read.
     pub fn from_files(files: &SampleFiles, wanted: &LayerSelection) -> Result<Self, String> {
+        Self::from_labelled_files(files, wanted).map(|(tile, _)| tile)
+    }
+
+    fn from_labelled_files(files: &SampleFiles, wanted: &LayerSelection) -> Result<(Self, SampleLabel), String> {
         let named = |reason: String| format!("{}.json: {reason}", files.key);
         let json = files.find_member("json").ok_or_else(|| named(String::from("is not in the shard")))?;
         let label = SampleLabel::read(json).map_err(named)?;
         let summary = label.summary();
-        match &label {
+        let tile = match &label {
             SampleLabel::Press(_) => {
                 let (columns, row) = read_row(files, None, wanted, &summary.png16)?;
-                Ok(Self::new(columns, vec![row], press_caption(summary), summary))
+                Self::new(columns, vec![row], press_caption(summary), summary)
             }
             SampleLabel::Grip(grip, _) => {
                 let (mut columns, mut rows) = (Vec::new(), Vec::new());
@@ -115,21 +128,22 @@ impl Tile {
                     columns = found;
                     rows.push(row);
                 }
-                Ok(Self::new(columns, rows, grip_caption(grip), summary))
+                Self::new(columns, rows, grip_caption(grip), summary)
             }
             SampleLabel::Sequence(sequence, _) => {
                 let time = |FrameLabel { t_s, phase, .. }: &FrameLabel| (*t_s, phase.clone());
                 let times: Vec<_> = sequence.frames.iter().map(time).collect();
                 let fingers = [(None, &sequence.common.png16)];
-                Self::from_frames(files, &times, &fingers, wanted, summary)
+                Self::from_frames(files, &times, &fingers, wanted, summary)?
             }
             SampleLabel::GripSequence(sequence, _) => {
                 let time = |GripFrameLabel { t_s, phase, .. }: &GripFrameLabel| (*t_s, phase.clone());
                 let times: Vec<_> = sequence.frames.iter().map(time).collect();
                 let fingers = [(Some("left"), &sequence.left.png16), (Some("right"), &sequence.right.png16)];
-                Self::from_frames(files, &times, &fingers, wanted, summary)
+                Self::from_frames(files, &times, &fingers, wanted, summary)?
             }
-        }
+        };
+        Ok((tile, label))
     }
 
     /// Makes the tile of a sequence: a column for each of some frames, a row for each finger and view.
@@ -166,6 +180,15 @@ impl Tile {
 
     fn new(columns: Vec<TileColumn>, rows: Vec<TileRow>, caption: String, label: &Label) -> Self {
         Self { columns, rows, caption, split: label.header.split, index: label.header.index }
+    }
+
+    /// Headings of the columns.
+    fn headings(&self, scales: &Scales) -> Vec<Heading> {
+        let heading = |column: &TileColumn| match column {
+            TileColumn::View(view) => Heading::from_view(*view, scales),
+            TileColumn::Frame { t_s, phase } => Heading::from_words(format!("{t_s} s {phase}")),
+        };
+        self.columns.iter().map(heading).collect()
     }
 
     /// Caption: class, depth and number.
@@ -223,6 +246,14 @@ impl Tile {
         let rows: Vec<Vec<RgbImage>> = self.rows.iter().filter(tactile).map(drawn).collect();
         // Single images of two fingers stand side by side; frames of two fingers in two rows.
         if rows.iter().all(|row| row.len() == 1) { join_panels(&[rows.concat()]) } else { join_panels(&rows) }
+    }
+}
+
+impl TileRow {
+    /// Lines of text beside the row: finger and view, as far as the columns do not say it.
+    fn label_lines(&self, scales: &Scales) -> Vec<String> {
+        let view = self.view.iter().flat_map(|view| Heading::from_view(*view, scales).text_lines());
+        self.finger.map(str::to_owned).into_iter().chain(view).collect()
     }
 }
 

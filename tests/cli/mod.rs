@@ -49,3 +49,4 @@ mod surface_points;
 mod terminal;
 mod tradeoff;
 mod verify;
+mod watch;

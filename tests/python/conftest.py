@@ -17,7 +17,7 @@ import tempfile
 import pytest
 
 # What helpers assert is explained as what tests assert.
-pytest.register_assert_rewrite("samples", "module_names", "every_kind", "processes", "sets")
+pytest.register_assert_rewrite("browser", "samples", "module_names", "every_kind", "processes", "sets")
 
 from processes import run
 

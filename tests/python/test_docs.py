@@ -87,6 +87,8 @@ ELSEWHERE = {
         "the wheel",
         "tests/python/test_layouts.py",
     ),
+    "gelsim preview job.toml --watch": ("does not end by itself", "tests/python/test_watch.py"),
+    "gelsim preview job.toml --watch --count 4 --fidelity draft": ("does not end by itself", "tests/python/test_watch.py"),
     "bash gelsim.sbatch": ("Slurm", "tests/python/test_slurm.py"),
     "sbatch --array=0-99 gelsim.sbatch": ("Slurm; there with another range", "tests/python/test_slurm.py"),
     "python ray_driver.py job.toml out --parts 64 --threads 4": ("Ray; there in 8 parts", "tests/python/test_ray.py"),

@@ -1,7 +1,6 @@
 """The report of a dataset in a headless Chromium without a network: a look at the picture."""
 
 import html.parser
-import shutil
 import subprocess
 
 import pytest
@@ -10,6 +9,7 @@ for name, package in [("numpy", "numpy"), ("PIL", "pillow")]:
     pytest.importorskip(name, reason=f"no {package}: pip install {package}")
 
 import numpy
+from browser import find_browser
 from PIL import Image
 
 SPLIT_COLOURS = [(0, 114, 178), (230, 159, 0), (0, 158, 115)]
@@ -63,10 +63,7 @@ def test_images_are_in_the_page(text, within):
 @pytest.fixture(scope="module")
 def render(tmp_path_factory):
     """A screenshot as an array, and what the page said in the console."""
-    names = ["chromium", "chromium-browser", "google-chrome"]
-    browser = next((path for path in map(shutil.which, names) if path), None)
-    if browser is None:
-        pytest.skip("no Chromium: apt install chromium")
+    browser = find_browser()
     folder = tmp_path_factory.mktemp("screenshots")
     # Where that is allowed, in a network of its own without any way out.
     alone = ["unshare", "--net"]

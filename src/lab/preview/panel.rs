@@ -90,6 +90,16 @@ impl Panel {
         })
     }
 
+    /// Width and height, px.
+    pub fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Picture(picture) => (picture.width() as usize, picture.height() as usize),
+            Self::Numbers(_, Grid { width, height, .. }) => (*width, *height),
+            Self::Vectors(_, Grid { width, height, .. }) => (*width, *height),
+            Self::Tractions(Grid { width, height, .. }) => (*width, *height),
+        }
+    }
+
     /// Paints the picture, its numbers with these scales.
     pub fn to_picture(&self, scales: &Scales) -> RgbImage {
         match self {
@@ -218,19 +228,15 @@ fn is_known(layer: OutputLayer, value: f32) -> bool {
     value.is_finite() && (value > least || value >= 0.0)
 }
 
-/// Scales of a sheet: one per layer of numbers, over all its pictures.
+/// Least and greatest values of each layer of numbers in some pictures.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Scales(BTreeMap<OutputLayer, Scale>);
+pub struct Ranges(BTreeMap<OutputLayer, [f32; 2]>);
 
-impl Scales {
-    /// Finds the scales that show all numbers of some panels. Their ends are rounded outwards to two digits, so that
-    /// they are short to write.
+impl Ranges {
+    /// Finds the ranges of some panels.
     pub fn from_panels<'a>(panels: impl IntoIterator<Item = &'a Panel>) -> Self {
-        let mut found: BTreeMap<OutputLayer, [f32; 2]> = BTreeMap::new();
-        let mut count = |layer: OutputLayer, value: f32| {
-            let [low, high] = found.entry(layer).or_default();
-            (*low, *high) = (low.min(value), high.max(value));
-        };
+        let mut found = Self::default();
+        let mut count = |layer: OutputLayer, value: f32| found.include_range(layer, [value; 2]);
         for panel in panels {
             match panel {
                 Panel::Picture(_) => {}
@@ -249,12 +255,39 @@ impl Scales {
                 }
             }
         }
-        let scale = |(layer, [low, high]): (OutputLayer, [f32; 2])| {
+        found
+    }
+
+    fn include_range(&mut self, layer: OutputLayer, [least, most]: [f32; 2]) {
+        let [low, high] = self.0.entry(layer).or_default();
+        (*low, *high) = (low.min(least), high.max(most));
+    }
+
+    /// Widens the ranges to those of other pictures.
+    pub fn include(&mut self, other: &Self) {
+        other.0.iter().for_each(|(layer, range)| self.include_range(*layer, *range));
+    }
+}
+
+/// Scales of a sheet: one per layer of numbers, over all its pictures.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scales(BTreeMap<OutputLayer, Scale>);
+
+impl Scales {
+    /// Finds the scales that show all numbers of some panels.
+    pub fn from_panels<'a>(panels: impl IntoIterator<Item = &'a Panel>) -> Self {
+        Self::from_ranges(&Ranges::from_panels(panels))
+    }
+
+    /// Returns the scales that show these ranges. Their ends are rounded outwards to two digits, so that they are short
+    /// to write.
+    pub fn from_ranges(ranges: &Ranges) -> Self {
+        let scale = |(layer, [low, high]): (&OutputLayer, &[f32; 2])| {
             // Values less than a hundredth below 0 are noise, and would show as blue specks.
-            let low = if -low > 0.01 * high { -round_outwards(-f64::from(low)) } else { 0.0 };
-            (layer, Scale { low, high: round_outwards(f64::from(high)), least: least_grey_of(layer) })
+            let low = if -low > 0.01 * high { -round_outwards(-f64::from(*low)) } else { 0.0 };
+            (*layer, Scale { low, high: round_outwards(f64::from(*high)), least: least_grey_of(*layer) })
         };
-        Self(found.into_iter().map(scale).collect())
+        Self(ranges.0.iter().map(scale).collect())
     }
 
     fn scale_of(&self, layer: OutputLayer) -> Scale {

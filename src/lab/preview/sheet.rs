@@ -2,9 +2,9 @@
 
 use image::RgbImage;
 
+use super::Tile;
 use super::canvas::{CAPTION, Canvas, GAP, LETTER, SEAM, shrink_panel, text_width};
 use super::panel::{Heading, Scales};
-use super::{Tile, TileColumn};
 
 /// Height of a line of headings, or of text beside a row, px.
 const LINE: u32 = 15;
@@ -26,18 +26,12 @@ struct DrawnRow {
 
 impl DrawnTile {
     fn new(tile: &Tile, scales: &Scales, panel_width: u32) -> Self {
-        let headings = tile.columns.iter().map(|column| match column {
-            TileColumn::View(view) => Heading::from_view(*view, scales),
-            TileColumn::Frame { t_s, phase } => Heading::from_words(format!("{t_s} s {phase}")),
-        });
         let rows = tile.rows.iter().map(|row| {
-            let finger = row.finger.map(str::to_owned);
-            let view = row.view.iter().flat_map(|view| Heading::from_view(*view, scales).text_lines());
             let pictures = row.panels.iter().map(|panel| shrink_panel(&panel.to_picture(scales), panel_width));
-            DrawnRow { label: finger.into_iter().chain(view).collect(), pictures: pictures.collect() }
+            DrawnRow { label: row.label_lines(scales), pictures: pictures.collect() }
         });
         let caption = format!("{}  {}  #{}", tile.caption, tile.split.name(), tile.index);
-        Self { headings: headings.collect(), rows: rows.collect(), caption }
+        Self { headings: tile.headings(scales), rows: rows.collect(), caption }
     }
 
     /// Height of rows and caption, px.
