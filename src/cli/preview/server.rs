@@ -93,7 +93,7 @@ impl Server {
 /// Reads a request and writes the answer of `respond`.
 fn serve_connection(mut stream: TcpStream, respond: impl FnOnce(&[u8]) -> Vec<u8>) -> io::Result<()> {
     stream.set_write_timeout(Some(MAX_TIME))?;
-    let request = read_until(&mut stream, MAX_REQUEST, |read| is_complete(read))?;
+    let request = read_until(&mut stream, MAX_REQUEST, is_complete)?;
     stream.write_all(&respond(&request))?;
     // A connection that is closed with something unread can lose its answer.
     stream.shutdown(Shutdown::Write)?;
@@ -175,7 +175,7 @@ mod tests {
     fn status_of(request: &str) -> String {
         let answer = |path: &str, query: &str| {
             let body = format!("{path} {query}").into_bytes();
-            (path != "none").then(|| Answer { content_type: "text/plain", body: Cow::Owned(body) })
+            (path != "none").then_some(Answer { content_type: "text/plain", body: Cow::Owned(body) })
         };
         let written = respond(request.as_bytes(), 80, "secret", answer);
         let text = String::from_utf8(written).expect("text");

@@ -136,7 +136,11 @@ fn show_failure(sheet: &LiveSheet, failure: &Failure) {
 fn end_on_signals() -> Result<(), Failure> {
     let mut signals = Signals::new([SIGINT, SIGTERM])
         .map_err(|error| Failure::runtime(format!("cannot watch for signals: {error}")))?;
-    let wait = move || signals.forever().for_each(|signal| std::process::exit(128 + signal));
+    let wait = move || {
+        if let Some(signal) = signals.forever().next() {
+            std::process::exit(128 + signal);
+        }
+    };
     thread::Builder::new().spawn(wait).map_err(|error| threads_failure(&error))?;
     Ok(())
 }
