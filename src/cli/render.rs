@@ -13,11 +13,15 @@ use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::sensor::Sensor;
 use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
 use gelsim_dataset::frames::check::FrameReach;
+use gelsim_dataset::frames::log_frames::{LogChoice, LogError, LogFrames, find_log_frames};
 use gelsim_dataset::frames::poses::{self, FrameMetadata};
 use gelsim_dataset::frames::read;
 use gelsim_dataset::frames::reader::FrameReader;
 use gelsim_dataset::frames::run::{FrameRequest, RenderError, SequenceSettings, check_frames, render_frames};
 use gelsim_dataset::frames::source::{FrameSource, find_frames};
+use gelsim_dataset::frames::tactile_log::is_log_name;
+use gelsim_dataset::logs::is_log;
+use gelsim_dataset::logs::messages::CameraInfo;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_job::config::Overrides;
@@ -28,28 +32,32 @@ use stream::OnBrokenFrame;
 
 mod stream;
 
-/// Turn depth frames of a simulator (MuJoCo, PyBullet, Gazebo, Isaac) into tactile images: the object's distance from a
-/// camera that looks out of the sensor takes the place of a mesh, and all else is as in generate.
+/// Turn depth frames of a simulator (MuJoCo, PyBullet, Gazebo, Isaac) or of a recorded log into tactile images: the
+/// object's distance from a camera that looks out of the sensor takes the place of a mesh, and all else is as in
+/// generate.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
   gelsim render --depth run --depth-unit m --plane-mm 10 --sensor digit -o out
   gelsim render --depth 'run/*.npy' --poses poses.csv --depth-unit m \\
       --plane-mm 10 --sensor gelsight-mini --out tactile
+  gelsim render --depth run.mcap --topic /gel/depth --plane-mm 25 \\
+      --sensor digit --out tactile.mcap
   gelsim render --stream --depth-unit m --plane-mm 10 --sensor digit \\
       <frames.npy >images.npy
 
 A frame is an npy array of rows and columns (also in an npz: FILE.npz, or FILE.npz/NAME where it holds several), an EXR \
 picture or a grey 16-bit PNG. Its resolution is the image's, and shows \
 the sensor's field of view. Scripts for each simulator, and what goes wrong there, are in docs/how-to/simulators.md; \
-programs that read a stream in docs/how-to/streams.md.")]
+programs that read a stream in docs/how-to/streams.md. Logs are MCAP (.mcap), bags of ROS 1 (.bag) and of ROS 2 (a \
+folder, .mcap or .db3): docs/how-to/logs.md.")]
 pub struct Render {
-    /// Frames: files, folders or patterns of names
+    /// Frames: files, folders or patterns of names; or logs: .mcap, .bag, .db3, or the folder of a ROS 2 bag
     #[arg(long, value_name = "FILE|DIR|GLOB", num_args = 1.., required_unless_present = "stream")]
     depth: Vec<PathBuf>,
-    /// Unit of the values
+    /// Unit of the values [default: of a log that of its images: 32FC1 has metres, 16UC1 and mono16 millimetres]
     #[arg(long, value_name = "UNIT", value_enum)]
-    depth_unit: UnitName,
+    depth_unit: Option<UnitName>,
     /// Distance of the undeformed pad's surface from the camera, mm; not for a sensor whose gel has a shape: its lens
     /// says it
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = parse_number)]
@@ -57,8 +65,8 @@ pub struct Render {
     /// Preset or sensor file
     #[arg(long, value_name = "PRESET|FILE.toml")]
     sensor: String,
-    /// Folder for NAME.tactile.png, NAME.LAYER.* and NAME.json of each frame
-    #[arg(short, long, value_name = "DIR", value_parser = local_path_parser(), required_unless_present = "stream")]
+    /// Folder for NAME.tactile.png, NAME.LAYER.* and NAME.json of each frame; or a log for all: FILE.mcap
+    #[arg(short, long, value_name = "DIR|FILE.mcap", value_parser = local_path_parser(), required_unless_present = "stream")]
     out: Option<PathBuf>,
     /// Ignore what is farther from the camera than this, mm
     #[arg(long, value_name = "D", allow_negative_numbers = true, value_parser = parse_number)]
@@ -100,9 +108,10 @@ pub struct Render {
     /// quaternion x, y, z, w and x, y, z in mm; an empty one begins another sequence
     #[arg(long, value_name = "MU|stick", value_parser = parse_friction)]
     sequence: Option<Friction>,
-    /// Frames per second of a sequence, for times in labels
-    #[arg(long, value_name = "F", default_value = "25", requires = "sequence", value_parser = parse_number)]
-    frame_rate_hz: f64,
+    /// Frames per second of a sequence, for times in labels; and of files, for times in a log [default: of a log that of
+    /// its images, else 25]
+    #[arg(long, value_name = "F", value_parser = parse_number)]
+    frame_rate_hz: Option<f64>,
     /// Fidelity level
     #[arg(long, value_name = "LEVEL", value_parser = super::fidelity_level_parser())]
     fidelity: Option<Fidelity>,
@@ -123,6 +132,24 @@ pub struct Render {
     /// What becomes of a frame of a stream that cannot be rendered
     #[arg(long, value_name = "WHAT", value_enum, default_value_t, conflicts_with = "depth")]
     on_broken_frame: OnBrokenFrame,
+    /// Topic of the depth images in a log [default: the only one]
+    #[arg(long, value_name = "TOPIC", conflicts_with = "stream", help_heading = "Logs")]
+    topic: Option<String>,
+    /// Topic of the camera's CameraInfo [default: camera_info beside the images]
+    #[arg(long, value_name = "TOPIC", conflicts_with = "stream", help_heading = "Logs")]
+    camera_info_topic: Option<String>,
+    /// Topic of the object's poses in the sensor's frame: PoseStamped, TransformStamped or TFMessage
+    #[arg(long, value_name = "TOPIC", conflicts_with_all = ["stream", "poses"], help_heading = "Logs")]
+    pose_topic: Option<String>,
+    /// The sensor's frame in transforms: x right, y down, z out of the pad
+    #[arg(long, value_name = "FRAME", requires = "pose_topic", help_heading = "Logs")]
+    sensor_frame: Option<String>,
+    /// The object's frame in transforms
+    #[arg(long, value_name = "FRAME", requires = "pose_topic", help_heading = "Logs")]
+    object_frame: Option<String>,
+    /// Refuse a log that is damaged or cut off [default: render what is left of it]
+    #[arg(long, conflicts_with = "stream", help_heading = "Logs")]
+    strict: bool,
     /// Print nothing but errors
     #[arg(short, long)]
     quiet: bool,
@@ -174,22 +201,148 @@ fn layer_names() -> String {
 impl Render {
     pub(super) fn run(mut self) -> Result<(), Failure> {
         let mut problems = Diagnostics::default();
+        let found = self.find_frames(&mut problems)?;
+        let is_unknown = |found: &FoundFrames| self.stream || !found.sources.is_empty();
+        if self.depth_unit.is_none() && found.as_ref().is_some_and(is_unknown) {
+            let help = "say what the values are: --depth-unit m, mm or um";
+            problems.push(Diagnostic::new("--depth-unit is needed for frames that do not say it").help(help));
+        }
         let camera = self.depth_camera(&mut problems);
-        if self.sequence.is_some() && self.poses.is_none() && !self.stream {
-            let help = "give a table of where the object is in each frame: --poses FILE.csv";
+        if self.sequence.is_some() && self.poses.is_none() && self.pose_topic.is_none() && !self.stream {
+            let help =
+                "give a table of where the object is in each frame: --poses FILE.csv; or of a log its --pose-topic";
             problems.push(Diagnostic::new("--sequence needs the object's poses").help(help));
         }
-        if !(1e-3..=1e4).contains(&self.frame_rate_hz) {
+        if !(1e-3..=1e4).contains(&self.frame_rate_hz()) {
             problems.push(Diagnostic::new("--frame-rate-hz is out of range").help("allowed: 0.001 to 10000"));
         }
         if self.layers.is_empty() && !self.stream {
             self.layers.push(OutputLayer::Depth);
         }
-        match self.out.clone() {
+        match (self.out.clone(), found) {
+            (Some(_), None) => Err(Report::new(&problems, &[]).into()),
             // Clap sees to it that there is --out or --stream.
-            Some(out) => self.render_files(&out, camera, problems),
-            None => self.render_stream(camera, problems),
+            (Some(out), Some(found)) => self.render_files(&out, found, camera, problems),
+            (None, _) => self.render_stream(camera, problems),
         }
+    }
+
+    /// Finds the frames. What a log says of them takes the place of options that are not given. Mistakes go to
+    /// `problems`; returns `None` if no option can be checked because of them.
+    fn find_frames(&mut self, problems: &mut Diagnostics) -> Result<Option<FoundFrames>, Failure> {
+        let sources = find_frames(&self.depth, problems);
+        let files = sources.iter().map(|source| source.path.clone()).collect();
+        let mut found = FoundFrames { files, sources, known: None, notes: Diagnostics::default() };
+        let are_logs = found.files.iter().filter(|path| is_log(path)).count();
+        if are_logs == 0 {
+            let of_logs = [
+                ("--topic", self.topic.is_some()),
+                ("--camera-info-topic", self.camera_info_topic.is_some()),
+                ("--pose-topic", self.pose_topic.is_some()),
+                ("--strict", self.strict),
+            ];
+            for (name, _) in of_logs.iter().filter(|(_, is_given)| *is_given && !found.files.is_empty()) {
+                let problem = Diagnostic::new(format!("{name} is for logs, and the frames are files"));
+                problems.push(problem.help("leave it out"));
+            }
+            return Ok(Some(found));
+        }
+        if are_logs < found.files.len() {
+            let problem = Diagnostic::new("some frames are in logs, and others are files");
+            problems.push(problem.help("render them one after the other"));
+            return Ok(None);
+        }
+        let choice = LogChoice {
+            topic: self.topic.as_deref(),
+            camera_info_topic: self.camera_info_topic.as_deref(),
+            pose_topic: self.pose_topic.as_deref(),
+            sensor_frame: self.sensor_frame.as_deref(),
+            object_frame: self.object_frame.as_deref(),
+        };
+        let LogFrames { sources, unit, camera, poses, rate_hz, losses } =
+            match find_log_frames(&found.files, &choice, problems) {
+                Ok(frames) => frames,
+                Err(LogError::Wrong) => return Ok(None),
+                Err(LogError::Lost(problem)) => {
+                    return Err(Failure::runtime_with_help(problem.message, problem.help.unwrap_or_default()));
+                }
+            };
+        let warnings = losses.iter().take(MAX_LOSSES).map(|loss| loss.to_warning());
+        found
+            .notes
+            .extend(warnings.map(|warning| warning.help("what is left is rendered; --strict refuses such a log")));
+        if losses.len() > MAX_LOSSES {
+            found.notes.push(Diagnostic::warning(format!("{} more parts of it are lost", losses.len() - MAX_LOSSES)));
+        }
+        if let (true, Some(loss)) = (self.strict, losses.first()) {
+            return Err(Failure::runtime_with_help(
+                loss.to_warning().message,
+                "leave --strict out to render what is left",
+            ));
+        }
+        self.depth_unit = self.depth_unit.or(Some(UnitName::from_unit(unit)));
+        self.frame_rate_hz = self.frame_rate_hz.or(rate_hz);
+        found.known = poses;
+        match camera {
+            Some((topic, info)) if self.projection != Some(ProjectionName::Orthographic) => {
+                // The frames must have the size of the camera's; one that cannot be read is refused later.
+                let size = sources.iter().find_map(|source| read::read_source(source).ok());
+                let size = size.map_or(info.size_px, |frame| [frame.width, frame.height]);
+                self.adopt_camera(&topic, &info, size, &mut found.notes, problems);
+            }
+            None if self.projection.is_none() => {
+                let problem = Diagnostic::note(
+                    "the log has no CameraInfo beside the images: rays are taken to be those of the sensor",
+                );
+                found.notes.push(problem.help("if they are not: --projection perspective --fov-y-deg F"));
+            }
+            _ => {}
+        }
+        found.sources = sources;
+        Ok(Some(found))
+    }
+
+    /// Takes the angle and the middle of a perspective camera from its CameraInfo, unless options say them.
+    fn adopt_camera(
+        &mut self,
+        topic: &str,
+        info: &CameraInfo,
+        size: [usize; 2],
+        notes: &mut Diagnostics,
+        problems: &mut Diagnostics,
+    ) {
+        let otherwise = "say it yourself: --projection perspective --fov-y-deg F --pixel-offset=DX,DY";
+        self.projection = Some(ProjectionName::Perspective);
+        if self.fov_y_deg.is_some() {
+            return;
+        }
+        let CameraInfo { size_px, focal_px: [fx, fy], is_distorted, .. } = *info;
+        self.fov_y_deg = Some(info.fov_y_deg());
+        let mut wrong = |reason: String| problems.push(Diagnostic::new(format!("{topic}: {reason}")).help(otherwise));
+        if size_px != size {
+            let [camera, frames] = [size_px, size].map(|[width, height]| format!("{width}x{height}"));
+            wrong(format!("it is about images of {camera} px, and the frames have {frames}"));
+            return;
+        }
+        if (fx / fy - 1.0).abs() > MAX_STRETCH {
+            wrong(format!("its pixels are not square: focal lengths of {fx} and {fy} px"));
+        }
+        let [x, y] = info.offset_px();
+        if x.abs().max(y.abs()) > 64.0 {
+            wrong(format!("its optical axis is {x:.1} and {y:.1} px off the middle, and at most 64 px can be"));
+        } else if self.pixel_offset.is_empty() {
+            let after_flip = |px: f64, flip: bool| if flip { -px } else { px };
+            self.pixel_offset = vec![after_flip(x, self.flip_x), after_flip(y, self.flip_y)];
+        }
+        if is_distorted {
+            let note =
+                Diagnostic::note(format!("{topic}: the camera's lens distorts, and the frames are taken as rectified"));
+            notes.push(note.help("if they are not, rectify them first (image_proc)"));
+        }
+    }
+
+    fn frame_rate_hz(&self) -> f64 {
+        self.frame_rate_hz.unwrap_or(25.0)
     }
 
     /// Builds the depth camera from the options. Mistakes go to `problems`.
@@ -238,11 +391,8 @@ impl Render {
             }
         };
         DepthCamera {
-            unit: match self.depth_unit {
-                UnitName::M => DepthUnit::Metre,
-                UnitName::Mm => DepthUnit::Millimetre,
-                UnitName::Um => DepthUnit::Micrometre,
-            },
+            // Where it is missing that is a mistake already.
+            unit: self.depth_unit.map_or(DepthUnit::Metre, UnitName::to_unit),
             plane_mm,
             max_depth_mm: self.max_depth_mm,
             background: self.background_value,
@@ -345,23 +495,39 @@ impl Render {
         }
     }
 
-    fn render_files(self, out: &Path, camera: DepthCamera, mut problems: Diagnostics) -> Result<(), Failure> {
+    fn render_files(
+        self,
+        out: &Path,
+        found: FoundFrames,
+        camera: DepthCamera,
+        mut problems: Diagnostics,
+    ) -> Result<(), Failure> {
         let log = Log::plain_text(self.quiet);
-        if out.exists() && !out.is_dir() {
-            problems
-                .push(Diagnostic::new(format!("{} is not a folder", out.display())).help("choose a folder with --out"));
+        let FoundFrames { files, sources, known: of_log, notes } = found;
+        match is_log_name(out) {
+            true if out.is_dir() => {
+                let problem = Diagnostic::new(format!("{} is a folder", out.display()));
+                problems.push(problem.help("choose a file with --out"));
+            }
+            true if files.iter().any(|file| is_within(out, file)) => {
+                let problem = Diagnostic::new(format!("{} would be written over", out.display()));
+                problems.push(problem.help("choose another file with --out"));
+            }
+            false if out.exists() && !out.is_dir() => {
+                let problem = Diagnostic::new(format!("{} is not a folder", out.display()));
+                problems.push(problem.help("choose a folder with --out"));
+            }
+            _ => {}
         }
         if self.threads.is_some_and(|threads| !(1..=MAX_THREADS).contains(&threads)) {
             let help = format!("give 1 to {MAX_THREADS}, or leave it out for all cores");
             problems.push(Diagnostic::new("--threads is out of range").help(help));
         }
-        let sources = find_frames(&self.depth, &mut problems);
         let known = self.poses.as_ref().map(|path| poses::read_poses(path, &sources)).transpose();
+        let known = known.map(|known| known.or(of_log));
         // The size of the first readable frame: the others are checked against it.
-        let size = sources
-            .iter()
-            .find_map(|source| read::read_frame(&source.path).ok())
-            .map(|frame| [frame.width, frame.height]);
+        let size =
+            sources.iter().find_map(|source| read::read_source(source).ok()).map(|frame| [frame.width, frame.height]);
         let plan =
             self.plan_for_frames(size, known.as_ref().ok().and_then(|known| known.as_deref()).unwrap_or_default());
         let report = Report::new(&problems, &[]);
@@ -388,6 +554,7 @@ impl Render {
             reader,
             metadata: known,
             out,
+            frame_rate_hz: self.frame_rate_hz(),
             sequence: self.sequence_options(),
             no_contact_ok: self.no_contact_ok,
         };
@@ -398,6 +565,7 @@ impl Render {
             (Ok(_), false) => return Err(report.into()),
             (Err(found), _) => return Err(report.merged_with(found).into()),
         };
+        log.print_notes(&Report::new(&notes, &[]));
         log.print_notes(&plan.notes);
         log.print_notes(&collect_notes(&reaches, &sources, plan.thickness_mm()));
         pool.install(|| render_frames(&plan, &request)).map_err(|stopped| match stopped {
@@ -419,11 +587,50 @@ impl Render {
     }
 
     fn sequence_options(&self) -> Option<SequenceSettings> {
-        self.sequence.map(|friction| SequenceSettings { friction, frame_rate_hz: self.frame_rate_hz })
+        self.sequence.map(|friction| SequenceSettings { friction, frame_rate_hz: self.frame_rate_hz() })
     }
 
     fn is_perspective(&self) -> bool {
         self.projection == Some(ProjectionName::Perspective)
+    }
+}
+
+/// The frames that are rendered, and what is known of them.
+struct FoundFrames {
+    /// The files, and the logs.
+    files: Vec<PathBuf>,
+    sources: Vec<FrameSource>,
+    /// What a log tells of the object in each frame.
+    known: Option<Vec<FrameMetadata>>,
+    notes: Diagnostics,
+}
+
+/// The parts that a log has lost of which each is named.
+const MAX_LOSSES: usize = 5;
+
+/// The most by which focal lengths along x and y may differ, as a fraction: rays are computed for square pixels.
+const MAX_STRETCH: f64 = 0.005;
+
+/// Returns true if a path is a file or in a folder, both of which exist.
+fn is_within(path: &Path, other: &Path) -> bool {
+    matches!((path.canonicalize(), other.canonicalize()), (Ok(path), Ok(other)) if path.starts_with(&other))
+}
+
+impl UnitName {
+    fn to_unit(self) -> DepthUnit {
+        match self {
+            Self::M => DepthUnit::Metre,
+            Self::Mm => DepthUnit::Millimetre,
+            Self::Um => DepthUnit::Micrometre,
+        }
+    }
+
+    fn from_unit(unit: DepthUnit) -> Self {
+        match unit {
+            DepthUnit::Metre => Self::M,
+            DepthUnit::Millimetre => Self::Mm,
+            DepthUnit::Micrometre => Self::Um,
+        }
     }
 }
 

@@ -21,6 +21,7 @@ pub mod generate;
 pub mod imagefolder;
 pub mod labels;
 pub mod lock;
+pub mod logs;
 pub mod manifest;
 pub mod mirror;
 pub mod paths;

@@ -98,6 +98,55 @@ fn write_beside(
     Ok(())
 }
 
+/// A file that is written piece by piece beside its place, and gets its name when it is complete. Dropped before, it is
+/// removed.
+pub struct FileUnderWay {
+    path: PathBuf,
+    partial: PathBuf,
+    file: File,
+    is_complete: bool,
+}
+
+impl FileUnderWay {
+    /// Begins the file at `path`. What killed runs left of it is removed.
+    pub fn begin(path: &Path) -> io::Result<Self> {
+        remove_partials_beside(path)?;
+        let partial = partial_path_beside(path);
+        let file = recreate_file(&partial)?;
+        lock_while_open(&file);
+        Step::FileBegun.pause_if_requested(path);
+        Ok(Self { path: path.to_owned(), partial, file, is_complete: false })
+    }
+
+    /// Brings the file to disk and gives it its name, in place of what is there.
+    pub fn complete(mut self) -> io::Result<()> {
+        self.file.sync_all()?;
+        Step::FileWritten.pause_if_requested(&self.path);
+        fs::rename(&self.partial, &self.path)?;
+        self.is_complete = true;
+        Step::FileRenamed.pause_if_requested(&self.path);
+        sync_folder(&self.path)
+    }
+}
+
+impl Write for FileUnderWay {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Drop for FileUnderWay {
+    fn drop(&mut self) {
+        if !self.is_complete {
+            let _ = fs::remove_file(&self.partial);
+        }
+    }
+}
+
 /// Writes a folder, and replaces what is there, so that it is complete or absent. `files` gives names and contents;
 /// there are no subfolders. The caller makes sure that what is there may be removed. The error names the path that it
 /// is about.

@@ -28,6 +28,8 @@ use gelsim_dataset::frames::source::FrameSource;
 use gelsim_dataset::frames::stream::input::{StreamInput, StreamMessage};
 use gelsim_dataset::frames::stream::{AnswerForm, StreamError, StreamSettings, render_stream};
 use gelsim_dataset::frames::{poses as poses_file, read};
+use gelsim_dataset::logs::Log;
+use gelsim_dataset::logs::messages::{self, Kind};
 use gelsim_dataset::manifest::Manifest;
 use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_dataset::stats::ShardStats;
@@ -537,7 +539,8 @@ pub fn stream(bytes: &[u8]) {
 
 /// A table of poses is refused with a report that can be shown, or says something finite of every frame.
 pub fn poses(bytes: &[u8]) {
-    let sources = ["a", "b"].map(|stem| FrameSource { path: PathBuf::from(stem), stem: stem.to_owned() });
+    let sources =
+        ["a", "b"].map(|stem| FrameSource { path: PathBuf::from(stem), stem: stem.to_owned(), message: None });
     match poses_file::parse_poses(Path::new("poses.csv"), bytes, &sources) {
         Err(report) => assert!(report.to_string().contains("error: ")),
         Ok(known) => {
@@ -547,6 +550,42 @@ pub fn poses(bytes: &[u8]) {
                 assert!((q.iter().map(|part| part * part).sum::<f64>() - 1.0).abs() < 1e-9, "{q:?}");
                 assert!(known.pose.translation_mm.is_finite() && !known.id.is_empty());
                 assert!(known.motion.shift_mm.iter().all(|mm| mm.abs() <= 10.0));
+            }
+        }
+    }
+}
+
+/// A log is refused with a message of one line, or its messages are: depth images without NaN, cameras and transforms
+/// that are finite.
+pub fn log(bytes: &[u8]) {
+    let log = match Log::from_bytes(bytes.to_vec()) {
+        Ok(log) => log,
+        Err(problem) => return assert!(!problem.message.contains('\n'), "{problem:?}"),
+    };
+    assert!(log.losses.iter().all(|loss| loss.at.saturating_add(loss.bytes) <= bytes.len() as u64));
+    let counted: u64 = log.topics.iter().map(|topic| topic.count).sum();
+    assert!(log.entries.len() as u64 <= counted && !log.describe_topics().contains('\n'));
+    for entry in log.entries.iter().take(64) {
+        let topic = &log.topics[entry.topic as usize];
+        let (Some(kind), Some(serialization)) = (topic.kind, topic.serialization) else { continue };
+        let Ok(message) = log.read(entry) else { continue };
+        match kind {
+            Kind::Image | Kind::CompressedImage => {
+                if let Ok((grid, _)) = messages::decode_depth(kind, serialization, &message) {
+                    assert_eq!(grid.data.len(), grid.width * grid.height);
+                    assert!(grid.data.iter().all(|value| !value.is_nan()));
+                }
+            }
+            Kind::CameraInfo => {
+                if let Ok(info) = messages::decode_camera_info(serialization, &message) {
+                    assert!(info.focal_px.iter().all(|px| *px > 0.0 && px.is_finite()));
+                }
+            }
+            Kind::PoseStamped | Kind::TransformStamped | Kind::Transforms => {
+                for found in messages::decode_transforms(kind, serialization, &message).into_iter().flatten() {
+                    let turned = found.transform.inverse().after(found.transform);
+                    assert!((turned.rotation.length() - 1.0).abs() < 1e-9);
+                }
             }
         }
     }

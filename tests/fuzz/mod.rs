@@ -54,7 +54,8 @@ targets!(
     calibration: 80_000,
     frame: 60_000,
     stream: 5_000,
-    poses: 15_000
+    poses: 15_000,
+    log: 20_000
 );
 
 /// The committed inputs of a target, with their names.

@@ -96,6 +96,12 @@ ELSEWHERE = {
     "kubectl wait --for=condition=complete --timeout=24h job/gelsim": ("a cluster", "tests/python/test_recipes.py"),
     "kubectl apply -f finalize-job.yaml": ("a cluster; there the pod's command", "tests/python/test_recipes.py"),
     "for host in node0 node1 node2; do": ("three machines; there with a false ssh", "tests/python/test_recipes.py"),
+    "gelsim render --depth run.mcap --plane-mm 25 --sensor gelsight-2014 --out tactile": ("rosbags", "tests/python/test_logs.py"),
+    "gelsim render --depth run.mcap --plane-mm 10 --sensor gelsight-2014 --pose-topic /object --sequence 0.3 --out slid": (
+        "rosbags",
+        "tests/python/test_logs.py",
+    ),
+    "gelsim render --depth run.mcap --plane-mm 25 --sensor gelsight-2014 --out tactile.mcap": ("rosbags", "tests/python/test_logs.py"),
     "gelsim render --depth frames --depth-unit m --plane-mm 10 --sensor gelsight-2014 --out tactile": (
         "MuJoCo's frames",
         "tests/python/test_simulators.py",

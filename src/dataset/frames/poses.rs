@@ -332,7 +332,10 @@ mod tests {
     use std::path::PathBuf;
 
     fn sources(names: &[&str]) -> Vec<FrameSource> {
-        names.iter().map(|name| FrameSource { path: PathBuf::from(name), stem: (*name).to_owned() }).collect()
+        names
+            .iter()
+            .map(|name| FrameSource { path: PathBuf::from(name), stem: (*name).to_owned(), message: None })
+            .collect()
     }
 
     fn refused(text: &str) -> String {

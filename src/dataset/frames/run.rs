@@ -1,5 +1,5 @@
 //! Renders files of depth frames: all frames are read and checked first, then each becomes a tactile image, layers and
-//! a label.
+//! a label, in a folder or in a log.
 //!
 //! The files of a frame are written under other names and renamed. What an earlier run wrote for the same frames is
 //! replaced, also layers that this run does not write. Files that have such names but no label beside them stay.
@@ -19,6 +19,7 @@ use super::read;
 use super::reader::{FrameReader, SeenFrame};
 use super::sequence::{self, SequenceFollower, SequenceFrame};
 use super::source::FrameSource;
+use super::tactile_log::{self, FrameTime, TactileLog};
 use crate::archive::Member;
 use crate::encode::{encode_layers, encode_members, to_json_line};
 use gelsim_core::gelpad::elastic::shear::Friction;
@@ -45,8 +46,10 @@ pub struct FrameRequest<'a> {
     pub reader: FrameReader,
     /// What is known of each frame's object, if there is a table.
     pub metadata: Option<Vec<FrameMetadata>>,
-    /// The folder for the results.
+    /// The folder for the results, or the log: a file that ends in .mcap.
     pub out: &'a Path,
+    /// Frames per second of files, which have no times of their own.
+    pub frame_rate_hz: f64,
     /// Set if the frames follow each other in time, in their order.
     pub sequence: Option<SequenceSettings>,
     /// Whether it is allowed that no frame reaches the pad.
@@ -79,7 +82,7 @@ pub fn check_frames(plan: &Plan, request: &FrameRequest) -> Result<Vec<FrameReac
     let found: Vec<Result<FrameReach, Diagnostic>> = sources
         .par_iter()
         .map(|source| {
-            let reach = read_seen_frame(reader, &source.path)?.reach();
+            let reach = read_seen_frame(reader, source)?.reach();
             reach.find_error(camera).map_or(Ok(reach), Err)
         })
         .collect();
@@ -112,7 +115,9 @@ pub fn check_frames(plan: &Plan, request: &FrameRequest) -> Result<Vec<FrameReac
                 problems.push(name_frame(source, problem));
             }
         }
-        let mut ours = file_suffixes(plan).into_iter().map(|suffix| out.join(format!("{}.{suffix}", source.stem)));
+        // A log is no file of a frame.
+        let suffixes = if tactile_log::is_log_name(out) { Vec::new() } else { file_suffixes(plan) };
+        let mut ours = suffixes.into_iter().map(|suffix| out.join(format!("{}.{suffix}", source.stem)));
         if ours.any(|path| is_same_file(&path, &source.path)) {
             let problem = Diagnostic::new(format!("{} would be written over", source.path.display()));
             problems.push(problem.help("choose another folder with --out"));
@@ -138,6 +143,15 @@ fn name_frame(source: &FrameSource, problem: Diagnostic) -> Diagnostic {
 pub fn render_frames(plan: &Plan, request: &FrameRequest) -> Result<(), RenderError> {
     let out = request.out;
     let failed = |error| RenderError::Io(out.to_owned(), error);
+    if tactile_log::is_log_name(out) {
+        fs::create_dir_all(out.parent().unwrap_or(Path::new(""))).map_err(failed)?;
+        let mut log = TactileLog::create(out).map_err(failed)?;
+        match request.sequence {
+            Some(sequence) => render_sequence(plan, request, sequence, &mut Some(&mut log))?,
+            None => render_to_log(plan, request, &mut log)?,
+        }
+        return log.complete().map_err(failed);
+    }
     fs::create_dir_all(out).map_err(failed)?;
     let stems: HashSet<&str> = request.sources.iter().map(|source| source.stem.as_str()).collect();
     let suffixes = file_suffixes(plan);
@@ -147,33 +161,78 @@ pub fn render_frames(plan: &Plan, request: &FrameRequest) -> Result<(), RenderEr
     };
     remove_abandoned_partials(out, is_ours).map_err(failed)?;
     if let Some(sequence) = request.sequence {
-        render_sequence(plan, request, sequence)?;
+        render_sequence(plan, request, sequence, &mut None)?;
         return File::open(out).and_then(|folder| sync_all_in(&folder)).map_err(failed);
     }
     let one = |(index, source): (usize, &FrameSource)| {
-        let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
-        let seen = read_seen_frame(&request.reader, &source.path).map_err(changed)?;
-        let known = request.metadata.as_ref().map(|known| &known[index]);
-        let sample = render_frame_sample(plan, index as u64, &source.stem, seen, known);
-        let health = &sample.label.health;
-        if !health.healthy && plan.output().on_unhealthy != OnUnhealthy::Keep {
-            return Err(RenderError::Unhealthy(source.path.clone(), health.reason.clone()));
-        }
+        let sample = render_single(plan, request, index)?;
         write_frame_files(out, source, &encode_members(plan, &sample))
     };
     request.sources.par_iter().enumerate().try_for_each(one)?;
     File::open(out).and_then(|folder| sync_all_in(&folder)).map_err(failed)
 }
 
+/// Renders a frame that is by itself.
+fn render_single(plan: &Plan, request: &FrameRequest, index: usize) -> Result<Sample, RenderError> {
+    let source = &request.sources[index];
+    let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
+    let seen = read_seen_frame(&request.reader, source).map_err(changed)?;
+    let known = request.metadata.as_ref().map(|known| &known[index]);
+    let sample = render_frame_sample(plan, index as u64, &source.stem, seen, known);
+    let health = &sample.label.health;
+    match health.healthy || plan.output().on_unhealthy == OnUnhealthy::Keep {
+        true => Ok(sample),
+        false => Err(RenderError::Unhealthy(source.path.clone(), health.reason.clone())),
+    }
+}
+
+/// Renders frames that are each by themselves to a log, in their order.
+fn render_to_log(plan: &Plan, request: &FrameRequest, log: &mut TactileLog) -> Result<(), RenderError> {
+    // As many as are in memory at once.
+    let at_once = 2 * rayon::current_num_threads();
+    let indices: Vec<usize> = (0..request.sources.len()).collect();
+    for batch in indices.chunks(at_once) {
+        let render = |index: &usize| {
+            let sample = render_single(plan, request, *index)?;
+            let label = to_json_line(&sample.label);
+            Ok((*index, tactile_log::encode_sample(plan, &sample, find_time(request, *index), Some(&label))))
+        };
+        let made: Vec<Result<_, RenderError>> = batch.par_iter().map(render).collect();
+        for made in made {
+            let (index, messages) = made?;
+            let written = log.write(find_time(request, index), &messages);
+            written.map_err(|error| RenderError::Io(request.out.to_owned(), error))?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns when a frame was taken and written to its log. Frames of files follow each other at the frame rate.
+fn find_time(request: &FrameRequest, index: usize) -> FrameTime {
+    match &request.sources[index].message {
+        Some(message) => FrameTime { stamp_ns: message.stamp_ns(), log_ns: message.log_ns() },
+        None => {
+            let ns = ((index + 1) as f64 * 1e9 / request.frame_rate_hz).round() as u64;
+            FrameTime { stamp_ns: ns, log_ns: ns }
+        }
+    }
+}
+
 /// Renders frames that follow each other. Their labels are written last, because they describe the complete sequence.
-fn render_sequence(plan: &Plan, request: &FrameRequest, sequence: SequenceSettings) -> Result<(), RenderError> {
+fn render_sequence(
+    plan: &Plan,
+    request: &FrameRequest,
+    sequence: SequenceSettings,
+    log: &mut Option<&mut TactileLog>,
+) -> Result<(), RenderError> {
     let SequenceSettings { friction, frame_rate_hz } = sequence;
+    let failed = |error| RenderError::Io(request.out.to_owned(), error);
     let mut follower = SequenceFollower::new(plan, friction, frame_rate_hz).expect("the plan was made for a sequence");
     let mut first: Option<Label> = None;
     let mut frames = Vec::new();
     for (index, source) in request.sources.iter().enumerate() {
         let changed = |problem: Diagnostic| RenderError::Changed(source.path.clone(), problem.message);
-        let seen = read_seen_frame(&request.reader, &source.path).map_err(changed)?;
+        let seen = read_seen_frame(&request.reader, source).map_err(changed)?;
         let nothing = || FrameMetadata::from_id(&source.stem);
         let known = request.metadata.as_ref().map_or_else(nothing, |known| known[index].clone());
         let unsound = |reason: String| RenderError::Unhealthy(source.path.clone(), reason);
@@ -184,7 +243,13 @@ fn render_sequence(plan: &Plan, request: &FrameRequest, sequence: SequenceSettin
         if !label.health.healthy && plan.output().on_unhealthy != OnUnhealthy::Keep {
             return Err(unsound(label.health.reason.clone()));
         }
-        write_frame_files(request.out, source, &encode_layers(plan, &sample))?;
+        match log {
+            Some(log) => {
+                let time = find_time(request, index);
+                log.write(time, &tactile_log::encode_sample(plan, &sample, time, None)).map_err(failed)?;
+            }
+            None => write_frame_files(request.out, source, &encode_layers(plan, &sample))?,
+        }
         first.get_or_insert(sample.label);
         frames.push(label);
     }
@@ -192,18 +257,27 @@ fn render_sequence(plan: &Plan, request: &FrameRequest, sequence: SequenceSettin
     let friction_coefficient = friction.coefficient();
     let info =
         SequenceInfo { frame_rate_hz, frames: frames.len() as u32, friction_coefficient, ..SequenceInfo::default() };
-    for (row, source) in SequenceLabel::new(&first, info, frames).to_rows().zip(request.sources) {
-        let path = request.out.join(format!("{}.json", source.stem));
-        write_without_sync(&path, &to_json_line(&row)).map_err(|error| RenderError::Io(path, error))?;
+    for (index, row) in SequenceLabel::new(&first, info, frames).to_rows().enumerate() {
+        let line = to_json_line(&row);
+        match log {
+            Some(log) => log.write(find_time(request, index), &[tactile_log::encode_label(&line)]).map_err(failed)?,
+            None => {
+                let path = request.out.join(format!("{}.json", request.sources[index].stem));
+                write_without_sync(&path, &line).map_err(|error| RenderError::Io(path, error))?;
+            }
+        }
     }
     Ok(())
 }
 
 /// Reads a frame and converts it to what is pressed in.
-fn read_seen_frame<'a>(reader: &'a FrameReader, path: &Path) -> Result<SeenFrame<'a>, Diagnostic> {
-    let frame = read::read_frame(path).map_err(|reason| {
-        Diagnostic::new(reason)
-            .help("a frame is an npy array, an EXR picture or a grey PNG of 16 bits, up to 8192 px on a side")
+fn read_seen_frame<'a>(reader: &'a FrameReader, source: &FrameSource) -> Result<SeenFrame<'a>, Diagnostic> {
+    let frame = read::read_source(source).map_err(|reason| {
+        let help = match &source.message {
+            None => "a frame is an npy array, an EXR picture or a grey PNG of 16 bits, up to 8192 px on a side",
+            Some(_) => "a frame is an image 32FC1, 16UC1 or mono16, or one of the transport compressedDepth",
+        };
+        Diagnostic::new(reason).help(help)
     })?;
     reader.read(frame)
 }

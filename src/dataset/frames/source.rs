@@ -5,27 +5,33 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::log_frames::FrameMessage;
 use super::read::{FRAME_EXTENSIONS, split_archive_path};
+use crate::logs::is_log;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::input::{collect_matching_files, may_be_file, suggest_file_name};
 
-/// A frame's file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Where a frame is.
+#[derive(Clone, Debug)]
 pub struct FrameSource {
-    /// Path of the file.
+    /// Path of its file; for a message of a log a name that tells it: the log, the topic and the time.
     pub path: PathBuf,
     /// Name of the results.
     pub stem: String,
+    /// The message that holds it, if it is in a log.
+    pub message: Option<FrameMessage>,
 }
 
-/// Finds the files that `written` names, in that order; those of a folder or a pattern are sorted by name. Errors go to
-/// `problems`.
+/// Finds the files that `written` names, in that order; those of a folder or a pattern are sorted by name. A log is one
+/// of them ([`super::log_frames`] finds its frames). Errors go to `problems`.
 pub fn find_frames(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<FrameSource> {
     let mut sources: Vec<FrameSource> = Vec::new();
     let mut taken: HashMap<String, usize> = HashMap::new();
     let paths: Vec<PathBuf> = written.iter().flat_map(|written| list_frame_files(written, problems)).collect();
     for path in paths {
-        let Some(stem) = frame_stem(&path) else {
+        // Logs of the same name have other frames.
+        let stem = if is_log(&path) { path.to_str().map(str::to_owned) } else { frame_stem(&path) };
+        let Some(stem) = stem else {
             problems.push(Diagnostic::new(format!("{}: its name is not UTF-8", path.display())).help("rename it"));
             continue;
         };
@@ -36,7 +42,7 @@ pub fn find_frames(written: &[PathBuf], problems: &mut Diagnostics) -> Vec<Frame
                     Diagnostic::new(format!("{} and {first} would both be {stem}.tactile.png", path.display()));
                 problems.push(problem.help("rename one of them, or render them into two folders"));
             }
-            None => sources.push(FrameSource { path, stem }),
+            None => sources.push(FrameSource { path, stem, message: None }),
         }
     }
     sources
@@ -66,6 +72,9 @@ fn list_frame_files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> 
         Vec::new()
     };
     let shown = written.display();
+    if is_log(written) && written.exists() {
+        return vec![written.to_owned()];
+    }
     if written.is_dir() {
         let entries = fs::read_dir(written).and_then(|entries| entries.collect::<Result<Vec<_>, _>>());
         let entries = match entries {
@@ -75,9 +84,10 @@ fn list_frame_files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> 
         let mut found: Vec<PathBuf> = entries.filter(|path| is_frame(path) && may_be_file(path)).collect();
         found.sort();
         return match found.is_empty() {
-            true => {
-                wrong(format!("{shown} holds no depth frame"), format!("these are .{}", FRAME_EXTENSIONS.join(", .")))
-            }
+            true => wrong(
+                format!("{shown} holds no depth frame"),
+                format!("these are .{}; a bag of ROS 2 has a metadata.yaml", FRAME_EXTENSIONS.join(", .")),
+            ),
             false => found,
         };
     }
