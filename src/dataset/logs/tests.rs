@@ -199,7 +199,7 @@ fn every_kind_of_log_gives_its_frames_to_the_bit() {
 fn a_log_that_is_cut_anywhere_gives_the_frames_before_and_says_what_is_lost() {
     for (name, bytes, _) in logs() {
         let mut most = 0;
-        for cut in 16..bytes.len() {
+        for cut in 16..=bytes.len() {
             let log = open(&bytes[..cut]).unwrap_or_else(|| panic!("{name} {cut}"));
             let frames = read_frames(&log);
             assert_eq!(frames, expected()[..frames.len()], "{name} {cut}");
