@@ -141,7 +141,11 @@ fn scan_chunk(
     let packed = fields.u64()?.min(length.saturating_sub(before));
     let Some(known) = Compression::from_name(compression) else {
         let name = String::from_utf8_lossy(compression).escape_debug().to_string();
-        index.lose(file, body, length, format!("a chunk is compressed by {name}; lz4 and zstd can be read"));
+        let reason = format!("a chunk is compressed by {name}; lz4 and zstd can be read");
+        if is_cut {
+            return Err(reason);
+        }
+        index.lose(file, body, length, reason);
         return Ok(());
     };
     let chunk = Chunk { at: body + before, len: packed, compression: known, unpacked: size };

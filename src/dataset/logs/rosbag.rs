@@ -149,7 +149,11 @@ fn scan_chunk(
 ) -> Result<(), String> {
     let Some(known) = Compression::from_name(compression) else {
         let name = String::from_utf8_lossy(compression).escape_debug().to_string();
-        index.lose(file, body, length, format!("a chunk is compressed by {name}; bz2 and lz4 can be read"));
+        let reason = format!("a chunk is compressed by {name}; bz2 and lz4 can be read");
+        if is_cut {
+            return Err(reason);
+        }
+        index.lose(file, body, length, reason);
         return Ok(());
     };
     let chunk = Chunk { at: body, len: length, compression: known, unpacked: size.into() };
