@@ -15,7 +15,6 @@ use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, Di
 use gelsim_dataset::frames::check::FrameReach;
 use gelsim_dataset::frames::log_frames::{LogChoice, LogError, LogFrames, find_log_frames};
 use gelsim_dataset::frames::poses::{self, FrameMetadata};
-use gelsim_dataset::frames::read;
 use gelsim_dataset::frames::reader::FrameReader;
 use gelsim_dataset::frames::run::{FrameRequest, RenderError, SequenceSettings, check_frames, render_frames};
 use gelsim_dataset::frames::source::{FrameSource, find_frames};
@@ -286,7 +285,7 @@ impl Render {
         match camera {
             Some((topic, info)) if self.projection != Some(ProjectionName::Orthographic) => {
                 // The frames must have the size of the camera's; one that cannot be read is refused later.
-                let size = sources.iter().find_map(|source| read::read_source(source).ok());
+                let size = sources.iter().find_map(|source| source.read().ok());
                 let size = size.map_or(info.size_px, |frame| [frame.width, frame.height]);
                 self.adopt_camera(&topic, &info, size, &mut found.notes, problems);
             }
@@ -526,8 +525,7 @@ impl Render {
         let known = self.poses.as_ref().map(|path| poses::read_poses(path, &sources)).transpose();
         let known = known.map(|known| known.or(of_log));
         // The size of the first readable frame: the others are checked against it.
-        let size =
-            sources.iter().find_map(|source| read::read_source(source).ok()).map(|frame| [frame.width, frame.height]);
+        let size = sources.iter().find_map(|source| source.read().ok()).map(|frame| [frame.width, frame.height]);
         let plan =
             self.plan_for_frames(size, known.as_ref().ok().and_then(|known| known.as_deref()).unwrap_or_default());
         let report = Report::new(&problems, &[]);

@@ -6,47 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::camera::DepthUnit;
+use super::message::FrameMessage;
 use super::poses::FrameMetadata;
 use super::source::FrameSource;
 use crate::logs::messages::{self, CameraInfo, Kind, Stamped, Transform};
 use crate::logs::{Entry, Log, Loss, Topic};
-use gelsim_core::base::grid::Grid;
 use gelsim_core::pose::Pose;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::spelling::find_nearest_name;
-
-/// The message of a log that holds a frame.
-#[derive(Clone, Debug)]
-pub struct FrameMessage {
-    log: Arc<Log>,
-    entry: Entry,
-    unit: DepthUnit,
-}
-
-impl FrameMessage {
-    /// Reads the frame. The error says what is wrong with it.
-    pub fn read(&self) -> Result<Grid<f64>, String> {
-        let Topic { kind, serialization, .. } = &self.log.topics[self.entry.topic as usize];
-        let (Some(kind), Some(serialization)) = (kind, serialization) else {
-            return Err(String::from("it is no image"));
-        };
-        let (frame, unit) = messages::decode_depth(*kind, *serialization, &self.log.read(&self.entry)?)?;
-        match unit == self.unit {
-            true => Ok(frame),
-            false => Err(String::from("its encoding is not that of the first frame, whose values have another unit")),
-        }
-    }
-
-    /// Returns when the frame was taken, ns since the epoch.
-    pub fn stamp_ns(&self) -> u64 {
-        self.entry.stamp_ns
-    }
-
-    /// Returns when the frame was written to the log, ns since the epoch.
-    pub fn log_ns(&self) -> u64 {
-        self.entry.log_ns
-    }
-}
 
 /// What a user says about a log.
 #[derive(Clone, Copy, Debug, Default)]
@@ -154,7 +121,7 @@ fn add_log(
             stem = format!("{name}_{}_{number}", entry.stamp_ns);
         }
         let path = log.path.join(topic.name.trim_start_matches('/')).join(entry.stamp_ns.to_string());
-        let message = Some(FrameMessage { log: Arc::clone(log), entry: *entry, unit });
+        let message = Some(FrameMessage::new(Arc::clone(log), *entry, unit));
         found.sources.push(FrameSource { path, stem, message });
     }
     if is_first {

@@ -11,6 +11,7 @@ pub mod check;
 pub mod heights;
 pub mod inside;
 pub mod log_frames;
+pub mod message;
 pub mod perspective;
 pub mod poses;
 pub mod read;

@@ -6,8 +6,6 @@
 
 use std::path::Path;
 
-use super::log_frames::FrameMessage;
-use super::source::FrameSource;
 use gelsim_core::base::grid::Grid;
 use gelsim_files::input;
 use gelsim_files::npz::Npz;
@@ -23,11 +21,6 @@ pub fn split_archive_path(path: &Path) -> Option<(&Path, &str)> {
     let archive = path.parent()?;
     let is_archive = archive.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz")) && !archive.is_dir();
     Some((archive, path.file_name()?.to_str()?)).filter(|_| is_archive)
-}
-
-/// Reads a frame from its file, or from the message of a log. The error says what is wrong with it.
-pub fn read_source(source: &FrameSource) -> Result<Grid<f64>, String> {
-    source.message.as_ref().map_or_else(|| read_frame(&source.path), FrameMessage::read)
 }
 
 /// Reads the frame in the file at `path`, or in an archive there. The error says what is wrong with it.

@@ -15,7 +15,6 @@ use rayon::prelude::*;
 use super::camera::DepthCamera;
 use super::check::FrameReach;
 use super::poses::FrameMetadata;
-use super::read;
 use super::reader::{FrameReader, SeenFrame};
 use super::sequence::{self, SequenceFollower, SequenceFrame};
 use super::source::FrameSource;
@@ -272,7 +271,7 @@ fn render_sequence(
 
 /// Reads a frame and converts it to what is pressed in.
 fn read_seen_frame<'a>(reader: &'a FrameReader, source: &FrameSource) -> Result<SeenFrame<'a>, Diagnostic> {
-    let frame = read::read_source(source).map_err(|reason| {
+    let frame = source.read().map_err(|reason| {
         let help = match &source.message {
             None => "a frame is an npy array, an EXR picture or a grey PNG of 16 bits, up to 8192 px on a side",
             Some(_) => "a frame is an image 32FC1, 16UC1 or mono16, or one of the transport compressedDepth",

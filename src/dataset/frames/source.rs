@@ -5,9 +5,10 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::log_frames::FrameMessage;
-use super::read::{FRAME_EXTENSIONS, split_archive_path};
+use super::message::FrameMessage;
+use super::read::{self, FRAME_EXTENSIONS, split_archive_path};
 use crate::logs::is_log;
+use gelsim_core::base::grid::Grid;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::input::{collect_matching_files, may_be_file, suggest_file_name};
 
@@ -20,6 +21,13 @@ pub struct FrameSource {
     pub stem: String,
     /// The message that holds it, if it is in a log.
     pub message: Option<FrameMessage>,
+}
+
+impl FrameSource {
+    /// Reads the frame. The error says what is wrong with it.
+    pub fn read(&self) -> Result<Grid<f64>, String> {
+        self.message.as_ref().map_or_else(|| read::read_frame(&self.path), FrameMessage::read)
+    }
 }
 
 /// Finds the files that `written` names, in that order; those of a folder or a pattern are sorted by name. A log is one

@@ -3,10 +3,9 @@
 
 use std::collections::HashMap;
 
-use super::compression::Compression;
 use super::fields::{Fields, Serialization};
-use super::store::{Chunk, Place, Store};
-use super::{Index, PEEKED};
+use super::store::{Place, Store};
+use super::{ChunkRecord, Index, PEEKED};
 
 /// The first bytes of a file, and the last ones.
 pub const MAGIC: &[u8] = b"\x89MCAP0\r\n";
@@ -77,16 +76,8 @@ impl Channels {
     }
 }
 
-/// Notes topics, messages and losses of a file.
-pub fn scan(file: &mut Store, index: &mut Index) {
-    let mut at = MAGIC.len() as u64;
-    if let Err(reason) = scan_records(file, index, &mut at) {
-        index.lose_rest(file, at, reason);
-    }
-}
-
 /// Goes through the records from `at` on, which is where the error is.
-fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(), String> {
+pub fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(), String> {
     let mut channels = Channels::default();
     loop {
         let mut head = [0; RECORD_HEAD as usize];
@@ -122,7 +113,7 @@ fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(),
     }
 }
 
-/// Notes what is in a chunk. The error ends the file; a chunk that is damaged is noted and left out.
+/// Notes what is in a chunk. The error ends the file.
 fn scan_chunk(
     file: &mut Store,
     index: &mut Index,
@@ -138,27 +129,11 @@ fn scan_chunk(
     let (size, crc) = (fields.u64()?, fields.u32()?);
     let compression = fields.bytes()?;
     let before = 40 + compression.len() as u64;
-    let packed = fields.u64()?.min(length.saturating_sub(before));
-    let Some(known) = Compression::from_name(compression) else {
-        let name = String::from_utf8_lossy(compression).escape_debug().to_string();
-        let reason = format!("a chunk is compressed by {name}; lz4 and zstd can be read");
-        if is_cut {
-            return Err(reason);
-        }
-        index.lose(file, body, length, reason);
-        return Ok(());
-    };
-    let chunk = Chunk { at: body + before, len: packed, compression: known, unpacked: size };
-    let (bytes, unpacked) = file.unpack(chunk);
-    let is_whole = bytes.len() as u64 == size && (crc == 0 || crc32fast::hash(&bytes) == crc);
-    if !is_cut && let Some(reason) = unpacked.err().or((!is_whole).then(|| String::from("its checksum is another"))) {
-        index.lose(file, body, length, format!("a damaged chunk: {reason}"));
-        return Ok(());
-    }
-    let number = file.chunks.len() as u32;
-    file.chunks.push(chunk);
-    let mut rest = bytes.as_slice();
-    let mut inside = || {
+    let packed = (body + before, fields.u64()?.min(length.saturating_sub(before)));
+    let crc = Some(crc).filter(|crc| *crc != 0);
+    let record = ChunkRecord { body, length, is_cut, packed, compression, size, crc };
+    index.scan_chunk(file, record, |index, number, bytes| {
+        let mut rest = bytes;
         while let Some((head, after)) = rest.split_first_chunk::<{ RECORD_HEAD as usize }>() {
             let [kind, length @ ..] = *head;
             let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
@@ -175,13 +150,5 @@ fn scan_chunk(
             rest = following;
         }
         if rest.is_empty() { Ok(()) } else { Err(String::from("a record goes beyond its chunk")) }
-    };
-    match inside() {
-        _ if is_cut => Err(String::from("the file is cut off within a chunk")),
-        Ok(()) => Ok(()),
-        Err(reason) => {
-            index.lose(file, body, length, format!("a damaged chunk: {reason}"));
-            Ok(())
-        }
-    }
+    })
 }

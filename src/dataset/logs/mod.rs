@@ -26,7 +26,7 @@ use fields::Serialization;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::{foreign, input};
 use messages::Kind;
-use store::{Place, Store};
+use store::{Chunk, Place, Store};
 
 /// Bytes of a message that are looked at.
 const PEEKED: u64 = 1 << 12;
@@ -160,7 +160,12 @@ impl Log {
 
     /// Reads a message. The error says what is wrong with it.
     pub fn read(&self, entry: &Entry) -> Result<Vec<u8>, String> {
-        let bytes = self.files[entry.file as usize].read(entry.place)?;
+        let file = &self.files[entry.file as usize];
+        let bytes = match entry.place {
+            Place::File { at, len } => file.read_message(at, len),
+            Place::Chunk { chunk, at, len } => file.read_from_chunk(chunk, at, len),
+            Place::Row { page, cell } => sqlite::read_message(file, page, cell),
+        }?;
         if !is_packed_message(&bytes) {
             return Ok(bytes);
         }
@@ -206,8 +211,10 @@ impl Index {
                 Diagnostic::new(format!("{}: {error}", file.path.display())).help("name a log that can be read")
             })?;
             match &start[..count] {
-                start if start.starts_with(mcap::MAGIC) => mcap::scan(file, self),
-                start if start.starts_with(rosbag::MAGIC) => rosbag::scan(file, self),
+                start if start.starts_with(mcap::MAGIC) => self.scan_records(file, mcap::MAGIC, mcap::scan_records),
+                start if start.starts_with(rosbag::MAGIC) => {
+                    self.scan_records(file, rosbag::MAGIC, rosbag::scan_records);
+                }
                 start if start.starts_with(sqlite::MAGIC) => sqlite::scan(file, self),
                 start => {
                     let what = match foreign::identify_foreign_binary(start) {
@@ -225,6 +232,20 @@ impl Index {
             }
         }
         Ok(())
+    }
+
+    /// Has `scan` note topics, messages and losses of a file that is records one after another behind its `magic`. It
+    /// moves the number of the byte that it is at, from which on the file is lost if it fails.
+    fn scan_records(
+        &mut self,
+        file: &mut Store,
+        magic: &[u8],
+        scan: impl FnOnce(&mut Store, &mut Self, &mut u64) -> Result<(), String>,
+    ) {
+        let mut at = magic.len() as u64;
+        if let Err(reason) = scan(file, self, &mut at) {
+            self.lose_rest(file, at, reason);
+        }
     }
 
     fn into_log(self, path: PathBuf, files: Vec<Store>) -> Log {
@@ -276,6 +297,67 @@ impl Index {
     /// Notes that a file cannot be read from byte `at` on.
     fn lose_rest(&mut self, file: &Store, at: u64, reason: impl Into<String>) {
         self.lose(file, at, file.length.saturating_sub(at), reason);
+    }
+}
+
+/// A record that holds compressed records.
+#[derive(Clone, Copy)]
+struct ChunkRecord<'a> {
+    /// Number of the first byte of its content.
+    body: u64,
+    /// Number of bytes of its content.
+    length: u64,
+    /// Whether the file ends within it.
+    is_cut: bool,
+    /// Where in the file what is compressed is: its first byte, and the number of bytes.
+    packed: (u64, u64),
+    /// Name of the compression.
+    compression: &'a [u8],
+    /// Number of bytes to which it says that it unpacks.
+    size: u64,
+    /// Checksum of these bytes, if it has one.
+    crc: Option<u32>,
+}
+
+impl Index {
+    /// Unpacks a chunk, and has `scan` note what is in it, by its number and bytes. The error ends the file; a chunk that
+    /// is damaged is noted and left out.
+    fn scan_chunk(
+        &mut self,
+        file: &mut Store,
+        record: ChunkRecord<'_>,
+        scan: impl FnOnce(&mut Self, u32, &[u8]) -> Result<(), String>,
+    ) -> Result<(), String> {
+        let ChunkRecord { body, length, is_cut, packed: (at, len), compression, size, crc } = record;
+        let Some(known) = Compression::from_name(compression) else {
+            let name = String::from_utf8_lossy(compression).escape_debug().to_string();
+            let reason = format!("a chunk is compressed by {name}; bz2, lz4 and zstd can be read");
+            if is_cut {
+                return Err(reason);
+            }
+            self.lose(file, body, length, reason);
+            return Ok(());
+        };
+        let chunk = Chunk { at, len, compression: known, unpacked: size };
+        let (bytes, unpacked) = file.unpack(chunk);
+        let is_another = || match crc {
+            _ if bytes.len() as u64 != size => Err(String::from("its size is another")),
+            Some(crc) if crc32fast::hash(&bytes) != crc => Err(String::from("its checksum is another")),
+            _ => Ok(()),
+        };
+        let mut found = if is_cut { Ok(()) } else { unpacked.and_then(|()| is_another()) };
+        if found.is_ok() {
+            let number = file.chunks.len() as u32;
+            file.chunks.push(chunk);
+            found = scan(self, number, &bytes);
+        }
+        if is_cut {
+            return Err(String::from("the file is cut off within a chunk"));
+        }
+        if let Err(reason) = found {
+            self.lose(file, body, length, format!("a damaged chunk: {reason}"));
+        }
+        Ok(())
     }
 }
 

@@ -3,10 +3,9 @@
 
 use std::collections::HashMap;
 
-use super::compression::Compression;
 use super::fields::Serialization;
-use super::store::{Chunk, Place, Store};
-use super::{Index, PEEKED};
+use super::store::{Place, Store};
+use super::{ChunkRecord, Index, PEEKED};
 
 /// The first bytes of a bag.
 pub const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
@@ -82,16 +81,8 @@ impl Connections {
     }
 }
 
-/// Notes topics, messages and losses of a bag.
-pub fn scan(file: &mut Store, index: &mut Index) {
-    let mut at = MAGIC.len() as u64;
-    if let Err(reason) = scan_records(file, index, &mut at) {
-        index.lose_rest(file, at, reason);
-    }
-}
-
 /// Goes through the records from `at` on, which is where the error is.
-fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(), String> {
+pub fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(), String> {
     let mut connections = Connections::default();
     let length_at = |file: &Store, at: u64| {
         let mut bytes = [0; 4];
@@ -127,8 +118,9 @@ fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(),
             }
             op::CHUNK => {
                 let compression = fields.get(b"compression".as_slice()).copied().unwrap_or_default();
-                let size = number(&fields, "size")?;
-                scan_chunk(file, index, &mut connections, (body, length), (compression, size), is_cut)?;
+                let (packed, size) = ((body, length), number(&fields, "size")?.into());
+                let record = ChunkRecord { body, length, is_cut, packed, compression, size, crc: None };
+                scan_chunk(file, index, &mut connections, record)?;
             }
             3..=7 => {}
             _ => return Err(format!("no record is of the op {kind}")),
@@ -138,36 +130,16 @@ fn scan_records(file: &mut Store, index: &mut Index, at: &mut u64) -> Result<(),
     Ok(())
 }
 
-/// Notes what is in a chunk. The error ends the file; a chunk that is damaged is noted and left out.
+/// Notes what is in a chunk. The error ends the file.
 fn scan_chunk(
     file: &mut Store,
     index: &mut Index,
     connections: &mut Connections,
-    (body, length): (u64, u64),
-    (compression, size): (&[u8], u32),
-    is_cut: bool,
+    record: ChunkRecord<'_>,
 ) -> Result<(), String> {
-    let Some(known) = Compression::from_name(compression) else {
-        let name = String::from_utf8_lossy(compression).escape_debug().to_string();
-        let reason = format!("a chunk is compressed by {name}; bz2 and lz4 can be read");
-        if is_cut {
-            return Err(reason);
-        }
-        index.lose(file, body, length, reason);
-        return Ok(());
-    };
-    let chunk = Chunk { at: body, len: length, compression: known, unpacked: size.into() };
-    let (bytes, unpacked) = file.unpack(chunk);
-    let is_whole = bytes.len() == size as usize;
-    if !is_cut && let Some(reason) = unpacked.err().or((!is_whole).then(|| String::from("its size is another"))) {
-        index.lose(file, body, length, format!("a damaged chunk: {reason}"));
-        return Ok(());
-    }
-    let chunk_number = file.chunks.len() as u32;
-    file.chunks.push(chunk);
-    let beyond = "a record goes beyond its chunk";
-    let mut rest = bytes.as_slice();
-    let mut inside = || {
+    index.scan_chunk(file, record, |index, number, bytes| {
+        let beyond = "a record goes beyond its chunk";
+        let mut rest = bytes;
         while !rest.is_empty() {
             let mut next = || {
                 let (length, after) = rest.split_first_chunk().ok_or(beyond)?;
@@ -181,20 +153,11 @@ fn scan_chunk(
                 op::CONNECTION => connections.describe(&fields, data, index)?,
                 op::MESSAGE => {
                     let (at, len) = ((bytes.len() - rest.len() - data.len()) as u32, data.len() as u32);
-                    connections.add_message(&fields, data, Place::Chunk { chunk: chunk_number, at, len }, index)?;
+                    connections.add_message(&fields, data, Place::Chunk { chunk: number, at, len }, index)?;
                 }
                 _ => {}
             }
         }
         Ok(())
-    };
-    match inside() {
-        _ if is_cut => Err(String::from("the file is cut off within a chunk")),
-        Ok(()) => Ok(()),
-        Err(reason) => {
-            let reason: String = reason;
-            index.lose(file, body, length, format!("a damaged chunk: {reason}"));
-            Ok(())
-        }
-    }
+    })
 }

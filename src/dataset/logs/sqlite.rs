@@ -10,21 +10,13 @@ use std::collections::{HashMap, HashSet};
 use super::Index;
 use super::compression::MAX_CHUNK_BYTES;
 use super::fields::Serialization;
-use super::store::{Place, Store};
+use super::store::{Pages, Place, Store};
 
 /// The first bytes of a database.
 pub const MAGIC: &[u8] = b"SQLite format 3\0";
 
 /// Bytes of the first page before its tree.
 const FILE_HEAD: usize = 100;
-
-/// How the pages of a database are laid out.
-#[derive(Clone, Copy, Debug)]
-pub struct Pages {
-    size: usize,
-    /// Bytes of a page that may be used.
-    usable: usize,
-}
 
 /// A row, as far as it is in its leaf.
 struct Row<'a> {

@@ -9,12 +9,13 @@ use std::sync::{Arc, Mutex};
 
 use super::MAX_CHUNK_BYTES;
 use super::compression::Compression;
-use super::sqlite;
 
 /// Unpacked chunks that are kept, since the messages of a chunk are read one after the other, by several threads.
 const KEPT_CHUNKS: usize = 8;
 /// Most bytes of an unpacked chunk that is kept.
 const MAX_KEPT_BYTES: usize = 32 << 20;
+
+const SHORTER: &str = "the log has become shorter";
 
 /// Where the bytes of a message are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,6 +58,15 @@ pub struct Chunk {
     pub unpacked: u64,
 }
 
+/// How the pages of a database are laid out.
+#[derive(Clone, Copy, Debug)]
+pub struct Pages {
+    /// Bytes of a page.
+    pub size: usize,
+    /// Bytes of a page that may be used.
+    pub usable: usize,
+}
+
 /// An open file of a log.
 #[derive(Debug)]
 pub struct Store {
@@ -68,7 +78,7 @@ pub struct Store {
     /// The chunks of it that messages are in.
     pub chunks: Vec<Chunk>,
     /// How its pages are laid out; `None` if it is no database.
-    pub pages: Option<sqlite::Pages>,
+    pub pages: Option<Pages>,
     kept: Mutex<VecDeque<(u32, Arc<Vec<u8>>)>>,
 }
 
@@ -123,24 +133,20 @@ impl Store {
         chunk.compression.unpack(packed, chunk.unpacked)
     }
 
-    /// Reads a message.
-    pub fn read(&self, place: Place) -> Result<Vec<u8>, String> {
-        let gone = || String::from("the log has become shorter");
-        match place {
-            Place::File { at, len } if len > MAX_CHUNK_BYTES => {
-                Err(format!("it has more than {} MiB, at byte {at}", MAX_CHUNK_BYTES >> 20))
-            }
-            Place::File { at, len } => {
-                let bytes = self.read_range(at, len).map_err(|error| error.to_string())?;
-                if bytes.len() as u64 == len { Ok(bytes) } else { Err(gone()) }
-            }
-            Place::Chunk { chunk, at, len } => {
-                let bytes = self.keep_unpacked(chunk);
-                let message = bytes.get(at as usize..).and_then(|rest| rest.get(..len as usize));
-                message.map(<[u8]>::to_vec).ok_or_else(gone)
-            }
-            Place::Row { page, cell } => sqlite::read_message(self, page, cell),
+    /// Reads a message that is in the file itself.
+    pub fn read_message(&self, at: u64, len: u64) -> Result<Vec<u8>, String> {
+        if len > MAX_CHUNK_BYTES {
+            return Err(format!("it has more than {} MiB, at byte {at}", MAX_CHUNK_BYTES >> 20));
         }
+        let bytes = self.read_range(at, len).map_err(|error| error.to_string())?;
+        if bytes.len() as u64 == len { Ok(bytes) } else { Err(String::from(SHORTER)) }
+    }
+
+    /// Reads a message that is in a chunk.
+    pub fn read_from_chunk(&self, chunk: u32, at: u32, len: u32) -> Result<Vec<u8>, String> {
+        let bytes = self.keep_unpacked(chunk);
+        let message = bytes.get(at as usize..).and_then(|rest| rest.get(..len as usize));
+        message.map(<[u8]>::to_vec).ok_or_else(|| String::from(SHORTER))
     }
 
     /// Returns an unpacked chunk that messages are in; one that is cut off as far as it goes.
