@@ -189,17 +189,22 @@ fn places_around(mask: &Grid<u8>, view: &View) -> Vec<[usize; 2]> {
     }
     let reach: [usize; 2] =
         std::array::from_fn(|k| (AROUND_MM / (view.mm_per_px[k] * cell_px[k] as f64) + 0.5) as usize);
+    // First along x, then along y.
+    let mut beside: Grid<u8> = Grid::new(count[0], count[1]);
+    for y in 0..count[1] {
+        let near = beside.row_mut(y);
+        for (x, _) in touched.row(y).iter().enumerate().filter(|(_, cell)| **cell > 0) {
+            near[x.saturating_sub(reach[0])..(x + reach[0] + 1).min(count[0])].fill(1);
+        }
+    }
     let mut places = Vec::new();
     for y in 0..count[1] {
         let rows = y.saturating_sub(reach[1])..(y + reach[1] + 1).min(count[1]);
-        for x in 0..count[0] {
-            let columns = x.saturating_sub(reach[0])..(x + reach[0] + 1).min(count[0]);
-            if rows.clone().any(|row| touched.row(row)[columns.clone()].iter().any(|cell| *cell > 0)) {
-                places.push([
-                    (x * cell_px[0] + cell_px[0] / 2).min(mask.width - 1),
-                    (y * cell_px[1] + cell_px[1] / 2).min(mask.height - 1),
-                ]);
-            }
+        for x in (0..count[0]).filter(|x| rows.clone().any(|row| beside.at(*x, row) > 0)) {
+            places.push([
+                (x * cell_px[0] + cell_px[0] / 2).min(mask.width - 1),
+                (y * cell_px[1] + cell_px[1] / 2).min(mask.height - 1),
+            ]);
         }
     }
     places

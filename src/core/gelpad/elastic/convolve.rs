@@ -30,7 +30,7 @@ impl FftPlans {
 /// Memory that convolutions of any size share.
 #[derive(Clone, Debug, Default)]
 pub struct ConvolutionBuffers {
-    line: Signals,
+    pub(super) line: Signals,
     /// Spectrum along y, not yet along x: all columns for eight frequencies at a time.
     half_spectrum: Signals,
 }
@@ -53,9 +53,9 @@ pub struct KernelSpectrum(Vec<[f32; LANES]>);
 
 /// Convolutions of one shape.
 pub struct TorusConvolution<'a> {
-    shape: ConvolutionShape,
-    x: &'a Fft,
-    y: &'a Fft,
+    pub(super) shape: ConvolutionShape,
+    pub(super) x: &'a Fft,
+    pub(super) y: &'a Fft,
 }
 
 impl<'a> TorusConvolution<'a> {
@@ -84,7 +84,7 @@ impl<'a> TorusConvolution<'a> {
     }
 
     /// Returns the number of frequencies along x that are kept, from 0 up; the others are their mirror images.
-    fn column_count(&self) -> usize {
+    pub(super) fn column_count(&self) -> usize {
         self.x.length() / 2 + 1
     }
 
@@ -259,21 +259,11 @@ impl<'a> TorusConvolution<'a> {
         target: &mut Grid<f32>,
         buffers: &mut ConvolutionBuffers,
     ) {
-        let ConvolutionShape { source: [source_width, _], offset: [left, _], target: [target_width, _] } = self.shape;
-        let wide = source_width.max(target_width).next_multiple_of(2 * LANES);
-        let (width, columns) = (self.x.length(), self.column_count());
-        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
-        half.resize(self.block_count() * wide);
-        self.transform_columns(simd, source, wide, line, half);
-        line.resize(width);
-        for (block, response) in spectrum.0.chunks_exact(columns).enumerate() {
-            let start = block * wide * LANES;
-            for (line, half) in [(&mut line.re, &half.re), (&mut line.im, &half.im)] {
-                let line = &mut line[..width * LANES];
-                line[..left * LANES].fill(0.0);
-                line[left * LANES..][..source_width * LANES].copy_from_slice(&half[start..][..source_width * LANES]);
-                line[(left + source_width) * LANES..].fill(0.0);
-            }
+        let (wide, width) = (self.wide(), self.x.length());
+        self.transform_source(simd, source, wide, buffers);
+        for (block, response) in spectrum.0.chunks_exact(self.column_count()).enumerate() {
+            self.load_rows(block, wide, buffers);
+            let line = &mut buffers.line;
             self.x.forward(simd, &mut line.re, &mut line.im);
             for (x, response) in response.iter().enumerate() {
                 let (here, there) = (self.x.frequency_index(x), self.x.frequency_index((width - x) % width));
@@ -284,13 +274,69 @@ impl<'a> TorusConvolution<'a> {
                 }
             }
             self.x.inverse(simd, &mut line.re, &mut line.im);
-            for (line, half) in [(&line.re, &mut half.re), (&line.im, &mut half.im)] {
-                let (inside, beyond) = half[start..][..wide * LANES].split_at_mut(target_width * LANES);
-                inside.copy_from_slice(&line[..inside.len()]);
-                // Columns beyond the target share signals with those inside.
-                beyond.fill(0.0);
-            }
+            self.store_rows(block, wide, buffers);
         }
+        self.transform_to_target(simd, target, wide, buffers);
+    }
+
+    /// Returns the number of columns of source or target, whichever has more, in pairs of eight.
+    pub(super) fn wide(&self) -> usize {
+        self.shape.source[0].max(self.shape.target[0]).next_multiple_of(2 * LANES)
+    }
+
+    /// Transforms the source along y; must be called before [`Self::load_rows`].
+    #[inline(always)]
+    pub(super) fn transform_source<S: Simd>(
+        &self,
+        simd: S,
+        source: &Grid<f32>,
+        wide: usize,
+        buffers: &mut ConvolutionBuffers,
+    ) {
+        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
+        half.resize(self.block_count() * wide);
+        self.transform_columns(simd, source, wide, line, half);
+        line.resize(self.x.length());
+    }
+
+    /// Loads eight frequencies along y of the source's columns, with zeros beside them.
+    #[inline(always)]
+    pub(super) fn load_rows(&self, block: usize, wide: usize, buffers: &mut ConvolutionBuffers) {
+        let ConvolutionShape { source: [source_width, _], offset: [left, _], .. } = self.shape;
+        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
+        let start = block * wide * LANES;
+        for (line, half) in [(&mut line.re, &half.re), (&mut line.im, &half.im)] {
+            let line = &mut line[..self.x.length() * LANES];
+            line[..left * LANES].fill(0.0);
+            line[left * LANES..][..source_width * LANES].copy_from_slice(&half[start..][..source_width * LANES]);
+            line[(left + source_width) * LANES..].fill(0.0);
+        }
+    }
+
+    /// Stores the target's columns of eight frequencies along y.
+    #[inline(always)]
+    pub(super) fn store_rows(&self, block: usize, wide: usize, buffers: &mut ConvolutionBuffers) {
+        let target_width = self.shape.target[0];
+        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
+        let start = block * wide * LANES;
+        for (line, half) in [(&line.re, &mut half.re), (&line.im, &mut half.im)] {
+            let (inside, beyond) = half[start..][..wide * LANES].split_at_mut(target_width * LANES);
+            inside.copy_from_slice(&line[..inside.len()]);
+            // Columns beyond the target share signals with those inside.
+            beyond.fill(0.0);
+        }
+    }
+
+    /// Transforms the target back along y.
+    #[inline(always)]
+    pub(super) fn transform_to_target<S: Simd>(
+        &self,
+        simd: S,
+        target: &mut Grid<f32>,
+        wide: usize,
+        buffers: &mut ConvolutionBuffers,
+    ) {
+        let ConvolutionBuffers { line, half_spectrum: half } = buffers;
         self.transform_columns_back(simd, target, wide, line, half);
     }
 

@@ -44,6 +44,8 @@ mod solution;
 mod solve;
 mod surface;
 mod traction_grid;
+mod vector_convolve;
+mod wall_marks;
 
 use in_plane::Load;
 use kernel::CorrectionCurve;

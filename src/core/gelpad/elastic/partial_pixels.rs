@@ -17,6 +17,7 @@ use std::f32::consts::PI;
 use std::ops::Range;
 
 use super::lattice::Lattice;
+use super::wall_marks::WallMarks;
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
 use crate::depth::Depth;
@@ -194,12 +195,15 @@ impl DownsampledObject {
         }
         let around = lattice.coarse_box_around(depth.touching);
         let mut spans = [vec![0.0_f32; depth.penetration.width], vec![0.0_f32; depth.penetration.width]];
+        let (mut steep, mut marks) = (Vec::new(), WallMarks::default());
         for y in around.y0..around.y1 {
             cells.column_extremes(y, around, &mut spans);
-            for x in around.x0..around.x1 {
-                if !cells.may_be_partial(x, &spans) {
-                    continue;
-                }
+            steep.clear();
+            steep.extend((around.x0..around.x1).filter(|x| cells.may_be_partial(*x, &spans)));
+            let [Some(first), Some(last)] = [steep.first(), steep.last()] else { continue };
+            let columns = cells.around(*first, 0).start..cells.around(*last, 0).end;
+            marks.mark(cells.fine, lattice.fine_within(y, 1).0, columns, cells.step_mm);
+            for &x in steep.iter().filter(|x| marks.any(lattice.fine_within(**x, 0).0)) {
                 if let Some((pixel, penetration)) = cells.partial_pixel([x, y], downsampled.penetration.at(x, y)) {
                     downsampled.partial_pixels.push(pixel);
                     downsampled.penetration.row_mut(y)[x] = penetration;

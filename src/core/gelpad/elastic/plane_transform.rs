@@ -6,6 +6,7 @@
 
 use pulp::{Simd, WithSimd};
 
+use super::convolve::{ConvolutionShape, TorusConvolution};
 use super::fft::{Fft, LANES, Signals};
 use crate::base::grid::Grid;
 use crate::base::simd::{dispatch_kernel, simd_dispatch};
@@ -82,6 +83,12 @@ impl PlaneTransform {
     /// Returns the number of values along x and y.
     pub fn size(&self) -> [usize; 2] {
         [self.x.length(), self.y.length()]
+    }
+
+    /// Returns convolutions on the torus within a box of `size` values.
+    pub fn convolution(&self, size: [usize; 2]) -> TorusConvolution<'_> {
+        let shape = ConvolutionShape { source: size, offset: [0; 2], target: size };
+        TorusConvolution { shape, x: &self.x, y: &self.y }
     }
 
     /// Returns a field of zeros.
@@ -217,6 +224,13 @@ impl PlaneTransform {
 }
 
 impl VectorResponse {
+    /// Returns what the components along x and along y do to themselves, and what each does to the other, at a frequency's
+    /// [`PlaneTransform::frequency_index`].
+    pub(super) fn components(&self, at: usize) -> [f32; 3] {
+        let (mean, cos, sin) = (self.mean[at], self.deviatoric.re[at], self.deviatoric.im[at]);
+        [mean + cos, mean - cos, sin]
+    }
+
     /// Returns the inverse on the complete torus, times the square of `norm`.
     pub fn inverse(&self, norm: f64) -> Self {
         let mut inverse = self.clone();

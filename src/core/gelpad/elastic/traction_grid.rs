@@ -1,10 +1,12 @@
 //! A contact's grid for tractions: computes, by Fourier transforms on a torus, how tractions and pressures on its
 //! pixels displace the pad.
 
+use super::convolve::ConvolutionBuffers;
 use super::fft::fast_length;
 use super::in_plane::layer_response;
 use super::layer::ElasticLayer;
 use super::plane_transform::{PlaneTransform, Symbol, VectorField, VectorResponse};
+use super::vector_convolve::VectorSpectrum;
 use crate::base::grid::{Grid, Rect};
 
 /// Most pixels along a side of the torus.
@@ -24,6 +26,8 @@ pub(super) struct TractionGrid {
     layer: ElasticLayer,
     response: VectorResponse,
     inverse: VectorResponse,
+    /// Memory for responses in the contact's box; made when first needed.
+    box_response: Option<BoxResponse>,
     /// Displacement of a pixel under its own unit traction; computed when first needed.
     own_response: Option<f32>,
     /// From pressure to displacement; computed when first needed.
@@ -35,6 +39,16 @@ pub(super) struct TractionGrid {
     /// Number of the pressure's pixels in one pixel of this grid, along x and y.
     factor: [usize; 2],
     pub points: Vec<ContactPoint>,
+}
+
+/// Spectra of the response in the contact's box and of its inverse, and memory to apply them.
+#[derive(Clone)]
+struct BoxResponse {
+    response: VectorSpectrum,
+    inverse: VectorSpectrum,
+    source: [Grid<f32>; 2],
+    target: [Grid<f32>; 2],
+    buffers: [ConvolutionBuffers; 2],
 }
 
 /// A pixel in contact.
@@ -81,6 +95,7 @@ impl TractionGrid {
             values: plane.zeros(),
             inverse: response.inverse(norm),
             response,
+            box_response: None,
             own_response: None,
             pressure_symbol: None,
             layer,
@@ -133,6 +148,7 @@ impl TractionGrid {
             // Cut out, the response might have no inverse; an approximate one is enough for preconditioning.
             inverse: periodic.inverse(norm),
             response: plane.response_from_kernels(under_x, under_y),
+            box_response: None,
             own_response: None,
             pressure_symbol: None,
             plane,
@@ -197,15 +213,9 @@ impl TractionGrid {
     /// Returns the displacement of a pixel under its own unit traction, mm.
     pub fn own_response(&mut self) -> f32 {
         if self.own_response.is_none() {
-            let [x, y] = self.values.vectors_mut();
-            x.fill(0.0);
-            y.fill(0.0);
-            let first = self.plane.value_index(0, 0);
-            x[first] = 1.0;
-            self.plane.forward(&mut self.values);
-            self.values.apply_response(&self.response);
-            self.plane.inverse(&mut self.values);
-            self.own_response = Some(self.values.vectors()[0][first]);
+            let mut unit = Grid::new(self.size[0], self.size[1]);
+            unit.data[0] = [1.0, 0.0];
+            self.own_response = Some(self.motion_under_tractions(&unit).data[0][0]);
         }
         self.own_response.unwrap_or_default()
     }
@@ -226,11 +236,13 @@ impl TractionGrid {
 
     /// Computes the motion of the complete box under tractions on its pixels.
     pub fn motion_under_tractions(&mut self, tractions: &Grid<Vector>) -> Grid<Vector> {
-        self.scatter_box(tractions);
-        self.plane.forward(&mut self.values);
-        self.values.apply_response(&self.response);
-        self.plane.inverse(&mut self.values);
-        self.gather_box()
+        let [width, height] = self.size;
+        let [x, y] = self.respond_in_box(false, |source| {
+            for (at, vector) in tractions.data.iter().enumerate() {
+                source.iter_mut().zip(vector).for_each(|(component, part)| component.data[at] = *part);
+            }
+        });
+        Grid { width, height, data: x.data.iter().zip(&y.data).map(|(x, y)| [*x, *y]).collect() }
     }
 
     /// Returns the number of pixels in `thicknesses`, at most what the torus holds.
@@ -311,11 +323,37 @@ impl TractionGrid {
 
     /// Returns the displacements in the contact under tractions in it; with `back`, the approximate inverse.
     pub fn apply_response(&mut self, vectors: &[[f32; 2]], back: bool) -> Vec<[f32; 2]> {
-        self.scatter_points(vectors);
-        self.plane.forward(&mut self.values);
-        self.values.apply_response(if back { &self.inverse } else { &self.response });
-        self.plane.inverse(&mut self.values);
-        self.gather_points()
+        let points = std::mem::take(&mut self.points);
+        let [x, y] = self.respond_in_box(back, |[to_x, to_y]| {
+            for (point, [x, y]) in points.iter().zip(vectors) {
+                let at = point.pixel[1] * to_x.width + point.pixel[0];
+                (to_x.data[at], to_y.data[at]) = (*x, *y);
+            }
+        });
+        let moved = points.iter().map(|ContactPoint { pixel: [column, row], .. }| {
+            let at = row * x.width + column;
+            [x.data[at], y.data[at]]
+        });
+        let moved = moved.collect();
+        self.points = points;
+        moved
+    }
+
+    /// Computes the response in the box, or its approximate inverse, to the vectors that `fill` writes into zeros.
+    fn respond_in_box(&mut self, back: bool, fill: impl FnOnce(&mut [Grid<f32>; 2])) -> &[Grid<f32>; 2] {
+        let known = self.box_response.get_or_insert_with(|| BoxResponse {
+            response: VectorSpectrum::new(&self.plane, &self.response),
+            inverse: VectorSpectrum::new(&self.plane, &self.inverse),
+            source: Default::default(),
+            target: Default::default(),
+            buffers: Default::default(),
+        });
+        let BoxResponse { response, inverse, source, target, buffers } = known;
+        source.iter_mut().for_each(|component| component.reset(self.size[0], self.size[1]));
+        fill(source);
+        let spectrum = if back { inverse } else { response };
+        self.plane.convolution(self.size).convolve_vectors(spectrum, source, target, buffers);
+        target
     }
 }
 

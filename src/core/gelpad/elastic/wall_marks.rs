@@ -1,0 +1,82 @@
+//! Marks where an object may drop by a wall between two of the camera's pixels.
+//!
+//! This is a quick test of many pairs of pixels at once, before the exact one of
+//! [`PixelBlocks::wall_between`](super::partial_pixels): that is above 0 for marked pairs alone. Most pixels at the border of
+//! a contact, where the object merely ends its touch, have no mark.
+
+use std::ops::Range;
+
+use crate::base::grid::Grid;
+use crate::base::simd::simd_dispatch;
+
+/// Pixels that the test reads before a pair's first pixel, and from it on.
+const BEFORE: usize = 2;
+const FROM: usize = 4;
+
+/// Marks of one row of blocks; memory for any of them.
+#[derive(Default)]
+pub struct WallMarks {
+    /// Above 0 in the column of a pair's first pixel, for pairs along x, and in a pair's column, for pairs along y.
+    along_x: Vec<u32>,
+    along_y: Vec<u32>,
+    /// A row with its end values repeated beyond both ends.
+    padded: Vec<f32>,
+}
+
+impl WallMarks {
+    /// Marks the pairs with a pixel in `rows`, between `columns`. Larger steps than `step_mm` are walls whatever surrounds
+    /// them, along x and y.
+    pub fn mark(&mut self, fine: &Grid<f32>, rows: Range<usize>, columns: Range<usize>, step_mm: [f32; 2]) {
+        let Self { along_x, along_y, padded } = self;
+        let (count, last) = (columns.len(), fine.height - 1);
+        for marks in [&mut *along_x, along_y] {
+            marks.clear();
+            marks.resize(fine.width, 0);
+        }
+        let (along_x, along_y) = (&mut along_x[columns.clone()], &mut along_y[columns.clone()]);
+        for y in rows.clone() {
+            padded.clear();
+            let row = fine.row(y);
+            let (start, end) = (columns.start as isize - BEFORE as isize, (columns.end + FROM) as isize);
+            let inside = start.max(0) as usize..(end as usize).min(row.len());
+            padded.resize((-start).max(0) as usize, row[0]);
+            padded.extend_from_slice(&row[inside]);
+            padded.resize(count + BEFORE + FROM, row[row.len() - 1]);
+            let at: [&[f32]; BEFORE + FROM] = std::array::from_fn(|k| &padded[k..][..count]);
+            mark_pairs(at, along_x, step_mm[0]);
+        }
+        for y in rows.start.saturating_sub(1)..rows.end.min(last) {
+            let at: [&[f32]; BEFORE + FROM] =
+                std::array::from_fn(|k| &fine.row((y + k).saturating_sub(BEFORE).min(last))[columns.clone()]);
+            mark_pairs(at, along_y, step_mm[1]);
+        }
+    }
+
+    /// Returns true if a pair with a pixel in these columns is marked.
+    pub fn any(&self, columns: Range<usize>) -> bool {
+        let before = columns.start.saturating_sub(1)..columns.end;
+        self.along_x[before].iter().chain(&self.along_y[columns]).any(|mark| *mark > 0)
+    }
+}
+
+/// Marks pairs of pixels, given two pixels before each pair, the pair, and two pixels beyond it.
+fn mark_pairs([earlier, before, here, next, beyond, farther]: [&[f32]; BEFORE + FROM], marks: &mut [u32], step_mm: f32) {
+    let pressed = |mm: f32| if mm > 0.0 { mm } else { 0.0 };
+    simd_dispatch(
+        #[inline(always)]
+        move || {
+            let pairs = here.iter().zip(next).zip(before.iter().zip(earlier)).zip(beyond.iter().zip(farther));
+            for (mark, (((here, next), (before, earlier)), (beyond, farther))) in marks.iter_mut().zip(pairs) {
+                let (here, next) = (pressed(*here), pressed(*next));
+                let falls = here > next;
+                let (upper, lower) = if falls { (here, next) } else { (next, here) };
+                let inner = pressed(if falls { *before } else { *beyond });
+                let innermost = pressed(if falls { *earlier } else { *farther });
+                // The object if it went on by its slope and curvature.
+                let ahead = 3.0 * (upper - inner) + innermost;
+                let ahead = if ahead < upper { ahead } else { upper };
+                *mark |= u32::from((upper - lower > step_mm) | (2.0 * (ahead - lower) > upper));
+            }
+        },
+    );
+}
