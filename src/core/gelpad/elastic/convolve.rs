@@ -46,10 +46,32 @@ pub struct ConvolutionShape {
     pub target: [usize; 2],
 }
 
+impl ConvolutionShape {
+    /// Returns the shape of a source and a target that are one box.
+    pub fn within(size: [usize; 2]) -> Self {
+        Self { source: size, offset: [0; 2], target: size }
+    }
+}
+
 /// A kernel's spectrum on a torus: for eight frequencies along y at a time, all frequencies along x up to half the
 /// torus.
 #[derive(Clone, Debug, Default)]
 pub struct KernelSpectrum(Vec<[f32; LANES]>);
+
+impl KernelSpectrum {
+    /// Takes the factor of each frequency, counted along x and y from 0 up, for a torus of `size` values.
+    pub fn from_factors([width, height]: [usize; 2], factor: impl Fn([usize; 2]) -> f32) -> Self {
+        let columns = width / 2 + 1;
+        let norm = 0.5 / (width * height) as f32;
+        let mut all = vec![[0.0; LANES]; (height / 2 + 1).div_ceil(LANES) * columns];
+        for y in 0..=height / 2 {
+            for x in 0..columns {
+                all[y / LANES * columns + x][y % LANES] = norm * factor([x, y]);
+            }
+        }
+        Self(all)
+    }
+}
 
 /// Convolutions of one shape.
 pub struct TorusConvolution<'a> {
@@ -109,6 +131,17 @@ impl<'a> TorusConvolution<'a> {
     ) {
         let [width, height] = self.shape.target;
         target.reshape(width, height);
+        self.convolve_rows(spectrum, &source.data, &mut target.data, buffers);
+    }
+
+    /// Computes `target = kernel * source` for images that are stored row by row.
+    pub fn convolve_rows(
+        &self,
+        spectrum: &KernelSpectrum,
+        source: &[f32],
+        target: &mut [f32],
+        buffers: &mut ConvolutionBuffers,
+    ) {
         dispatch_kernel(ConvolveKernel { torus: self, spectrum, source, target, buffers });
     }
 
@@ -255,14 +288,14 @@ impl<'a> TorusConvolution<'a> {
         &self,
         simd: S,
         spectrum: &KernelSpectrum,
-        source: &Grid<f32>,
-        target: &mut Grid<f32>,
+        source: &[f32],
+        target: &mut [f32],
         buffers: &mut ConvolutionBuffers,
     ) {
-        let (wide, width) = (self.wide(), self.x.length());
-        self.transform_source(simd, source, wide, buffers);
+        let width = self.x.length();
+        self.transform_source(simd, source, buffers);
         for (block, response) in spectrum.0.chunks_exact(self.column_count()).enumerate() {
-            self.load_rows(block, wide, buffers);
+            self.load_rows(block, buffers);
             let line = &mut buffers.line;
             self.x.forward(simd, &mut line.re, &mut line.im);
             for (x, response) in response.iter().enumerate() {
@@ -274,37 +307,31 @@ impl<'a> TorusConvolution<'a> {
                 }
             }
             self.x.inverse(simd, &mut line.re, &mut line.im);
-            self.store_rows(block, wide, buffers);
+            self.store_rows(block, buffers);
         }
-        self.transform_to_target(simd, target, wide, buffers);
+        self.transform_to_target(simd, target, buffers);
     }
 
     /// Returns the number of columns of source or target, whichever has more, in pairs of eight.
-    pub(super) fn wide(&self) -> usize {
+    fn wide(&self) -> usize {
         self.shape.source[0].max(self.shape.target[0]).next_multiple_of(2 * LANES)
     }
 
     /// Transforms the source along y; must be called before [`Self::load_rows`].
     #[inline(always)]
-    pub(super) fn transform_source<S: Simd>(
-        &self,
-        simd: S,
-        source: &Grid<f32>,
-        wide: usize,
-        buffers: &mut ConvolutionBuffers,
-    ) {
+    pub(super) fn transform_source<S: Simd>(&self, simd: S, source: &[f32], buffers: &mut ConvolutionBuffers) {
         let ConvolutionBuffers { line, half_spectrum: half } = buffers;
-        half.resize(self.block_count() * wide);
-        self.transform_columns(simd, source, wide, line, half);
+        half.resize(self.block_count() * self.wide());
+        self.transform_columns(simd, source, line, half);
         line.resize(self.x.length());
     }
 
     /// Loads eight frequencies along y of the source's columns, with zeros beside them.
     #[inline(always)]
-    pub(super) fn load_rows(&self, block: usize, wide: usize, buffers: &mut ConvolutionBuffers) {
+    pub(super) fn load_rows(&self, block: usize, buffers: &mut ConvolutionBuffers) {
         let ConvolutionShape { source: [source_width, _], offset: [left, _], .. } = self.shape;
         let ConvolutionBuffers { line, half_spectrum: half } = buffers;
-        let start = block * wide * LANES;
+        let start = block * self.wide() * LANES;
         for (line, half) in [(&mut line.re, &half.re), (&mut line.im, &half.im)] {
             let line = &mut line[..self.x.length() * LANES];
             line[..left * LANES].fill(0.0);
@@ -315,10 +342,10 @@ impl<'a> TorusConvolution<'a> {
 
     /// Stores the target's columns of eight frequencies along y.
     #[inline(always)]
-    pub(super) fn store_rows(&self, block: usize, wide: usize, buffers: &mut ConvolutionBuffers) {
+    pub(super) fn store_rows(&self, block: usize, buffers: &mut ConvolutionBuffers) {
         let target_width = self.shape.target[0];
         let ConvolutionBuffers { line, half_spectrum: half } = buffers;
-        let start = block * wide * LANES;
+        let (wide, start) = (self.wide(), block * self.wide() * LANES);
         for (line, half) in [(&line.re, &mut half.re), (&line.im, &mut half.im)] {
             let (inside, beyond) = half[start..][..wide * LANES].split_at_mut(target_width * LANES);
             inside.copy_from_slice(&line[..inside.len()]);
@@ -329,38 +356,26 @@ impl<'a> TorusConvolution<'a> {
 
     /// Transforms the target back along y.
     #[inline(always)]
-    pub(super) fn transform_to_target<S: Simd>(
-        &self,
-        simd: S,
-        target: &mut Grid<f32>,
-        wide: usize,
-        buffers: &mut ConvolutionBuffers,
-    ) {
+    pub(super) fn transform_to_target<S: Simd>(&self, simd: S, target: &mut [f32], buffers: &mut ConvolutionBuffers) {
         let ConvolutionBuffers { line, half_spectrum: half } = buffers;
-        self.transform_columns_back(simd, target, wide, line, half);
+        self.transform_columns_back(simd, target, line, half);
     }
 
     /// Transforms the source's columns and keeps the frequencies from 0 to half the torus.
     #[inline(always)]
-    fn transform_columns<S: Simd>(
-        &self,
-        simd: S,
-        source: &Grid<f32>,
-        wide: usize,
-        line: &mut Signals,
-        half: &mut Signals,
-    ) {
+    fn transform_columns<S: Simd>(&self, simd: S, source: &[f32], line: &mut Signals, half: &mut Signals) {
         let height = self.y.length();
         line.resize(height);
-        let top = self.shape.offset[1];
-        for x in (0..source.width).step_by(2 * LANES) {
+        let ConvolutionShape { source: [source_width, source_height], offset: [_, top], .. } = self.shape;
+        let wide = self.wide();
+        for x in (0..source_width).step_by(2 * LANES) {
             let mut any = false;
             for plane in [&mut line.re, &mut line.im] {
                 plane[..top * LANES].fill(0.0);
-                plane[(top + source.height) * LANES..height * LANES].fill(0.0);
+                plane[(top + source_height) * LANES..height * LANES].fill(0.0);
             }
-            for y in 0..source.height {
-                let row = &source.row(y)[x..];
+            for y in 0..source_height {
+                let row = &source[y * source_width..][x..source_width];
                 let mut values = [0.0; 2 * LANES];
                 if row.len() >= 2 * LANES {
                     values.copy_from_slice(&row[..2 * LANES]);
@@ -371,10 +386,16 @@ impl<'a> TorusConvolution<'a> {
                 line.re[(top + y) * LANES..][..LANES].copy_from_slice(&values[..LANES]);
                 line.im[(top + y) * LANES..][..LANES].copy_from_slice(&values[LANES..]);
             }
-            // The spectrum of columns without any value stays 0, without a transform.
-            if any {
-                self.y.forward(simd, &mut line.re, &mut line.im);
+            // The spectrum of columns without any value is 0, without a transform.
+            if !any {
+                for plane in [&mut half.re, &mut half.im] {
+                    for row in plane[..self.block_count() * wide * LANES].chunks_exact_mut(wide * LANES) {
+                        row[x * LANES..][..2 * LANES * LANES].fill(0.0);
+                    }
+                }
+                continue;
             }
+            self.y.forward(simd, &mut line.re, &mut line.im);
             for block in 0..self.block_count() {
                 let mut first = [[[0.0; LANES]; LANES]; 2];
                 let mut second = [[[0.0; LANES]; LANES]; 2];
@@ -403,17 +424,12 @@ impl<'a> TorusConvolution<'a> {
 
     /// Inverts [`Self::transform_columns`] for the target's columns.
     #[inline(always)]
-    fn transform_columns_back<S: Simd>(
-        &self,
-        simd: S,
-        target: &mut Grid<f32>,
-        wide: usize,
-        line: &mut Signals,
-        half: &Signals,
-    ) {
+    fn transform_columns_back<S: Simd>(&self, simd: S, target: &mut [f32], line: &mut Signals, half: &Signals) {
         let height = self.y.length();
         line.resize(height);
-        for x in (0..target.width).step_by(2 * LANES) {
+        let [target_width, target_height] = self.shape.target;
+        let wide = self.wide();
+        for x in (0..target_width).step_by(2 * LANES) {
             for block in 0..self.block_count() {
                 let at = block * wide + x;
                 let (re, im) = (load_transposed(simd, &half.re, at), load_transposed(simd, &half.im, at));
@@ -438,8 +454,8 @@ impl<'a> TorusConvolution<'a> {
                 }
             }
             self.y.inverse(simd, &mut line.re, &mut line.im);
-            for y in 0..target.height {
-                let row = &mut target.row_mut(y)[x..];
+            for y in 0..target_height {
+                let row = &mut target[y * target_width..][x..target_width];
                 let (re, im) = (load_lanes(&line.re, y), load_lanes(&line.im, y));
                 if row.len() >= 2 * LANES {
                     row[..LANES].copy_from_slice(&re);
@@ -475,8 +491,8 @@ impl WithSimd for SpectrumKernel<'_, '_> {
 struct ConvolveKernel<'a, 'b> {
     torus: &'a TorusConvolution<'b>,
     spectrum: &'a KernelSpectrum,
-    source: &'a Grid<f32>,
-    target: &'a mut Grid<f32>,
+    source: &'a [f32],
+    target: &'a mut [f32],
     buffers: &'a mut ConvolutionBuffers,
 }
 

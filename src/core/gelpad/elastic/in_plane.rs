@@ -6,10 +6,12 @@
 //! load may lie anywhere. The model is linear and for small strain, like the layer. The torus leaves six thicknesses
 //! around view and load. Details narrower than four values of the grid are blurred.
 
+use super::convolve::ConvolutionShape;
 use super::fft::fast_length;
 use super::layer::ElasticLayer;
 use super::placed::{GridPlacement, PlacedDisplacement};
-use super::plane_transform::{PlaneTransform, Symbol, VectorField, VectorResponse, WaveVector};
+use super::plane_transform::{PlaneTransform, WaveVector};
+use super::vector_convolve::{FrequencyFactors, InPlaneUnderPressure};
 use crate::base::cubic::catmull_rom;
 use crate::base::grid::{Grid, Rect, bounding_box};
 use crate::base::simd::simd_dispatch;
@@ -70,8 +72,7 @@ pub struct InPlaneResponse {
     origin_mm: [f64; 2],
     /// The part of the torus that results cover.
     view_rect: Rect,
-    under_pressure: Symbol,
-    under_traction: VectorResponse,
+    factors: FrequencyFactors<5>,
 }
 
 /// Number of values along the longer side of the view and the load around it.
@@ -116,34 +117,31 @@ impl InPlaneResponse {
         let norm = 1.0 / (size[0] * size[1]) as f64;
         let spreading =
             |wave: WaveVector| norm / (hat_transform(wave.q[0] * spacing_mm) * hat_transform(wave.q[1] * spacing_mm));
-        let under_pressure =
-            plane.gradient_symbol([spacing_mm; 2], |wave| layer.coupling_compliance(wave.length()) * spreading(wave));
-        let under_traction = plane.make_response([spacing_mm; 2], |wave| {
-            layer_response(layer, wave, size.map(|count| count as f64 * spacing_mm)).map(|part| part * spreading(wave))
+        let torus_mm = size.map(|count| count as f64 * spacing_mm);
+        let factors = FrequencyFactors::new(size, |[x, y]| {
+            let wave = plane.wave_vector([spacing_mm; 2], x, y);
+            let share = spreading(wave);
+            let down = layer.coupling_compliance(wave.length()) * share;
+            let [along, across] = layer_response(layer, wave, torus_mm).map(|part| part * share);
+            let [cos, sin] = wave.double_angle().map(|part| 0.5 * (along - across) * part);
+            let [mean, [x, y]] = [[0.5 * (along + across); 2], wave.direction()];
+            [mean[0] + cos, mean[0] - cos, sin, x * down, y * down].map(|factor| factor as f32)
         });
-        Self { plane, spacing_mm, origin_mm, view_rect, under_pressure, under_traction }
+        Self { plane, spacing_mm, origin_mm, view_rect, factors }
     }
 
     /// Computes the displacement under a pressure.
     pub fn under_pressure(&self, load: &Load) -> DisplacementField {
-        let mut values = self.plane.zeros();
-        self.spread_to_torus(&load.pressure, load.origin_mm, load.mm_per_px, values.vectors_mut()[0]);
-        self.plane.forward(&mut values);
-        values.multiply(&self.under_pressure);
-        self.plane.inverse(&mut values);
-        self.crop_to_view(&values)
+        self.under_load_and_forces(Some(load), std::iter::empty())
     }
 
     /// Computes the displacement under tractions.
     pub fn under_traction(&self, traction: &TractionField) -> DisplacementField {
-        let mut values = self.plane.zeros();
-        for (part, to) in [&traction.x, &traction.y].into_iter().zip(values.vectors_mut()) {
+        let mut loads = self.zeros();
+        for (part, to) in [&traction.x, &traction.y].into_iter().zip(&mut loads) {
             self.spread_to_torus(part, traction.origin_mm, traction.mm_per_px, to);
         }
-        self.plane.forward(&mut values);
-        values.apply_response(&self.under_traction);
-        self.plane.inverse(&mut values);
-        self.crop_to_view(&values)
+        self.displace_view(&loads)
     }
 
     /// Computes the displacement under a pressure and under forces over Young's modulus, mm^2, along x and y and into
@@ -153,13 +151,12 @@ impl InPlaneResponse {
         load: Option<&Load>,
         forces: impl Iterator<Item = ([f64; 2], [f64; 3])>,
     ) -> DisplacementField {
-        let mut pressed = self.plane.zeros();
+        let mut loads = self.zeros();
         if let Some(load) = load {
-            self.spread_to_torus(&load.pressure, load.origin_mm, load.mm_per_px, pressed.vectors_mut()[0]);
+            self.spread_to_torus(&load.pressure, load.origin_mm, load.mm_per_px, &mut loads[2]);
         }
-        let mut values = self.plane.zeros();
         let [width, height] = self.plane.size();
-        let ([x, y], [down_into, _]) = (values.vectors_mut(), pressed.vectors_mut());
+        let [x, y, down_into] = loads.each_mut().map(|part| &mut part.data);
         let area = self.spacing_mm * self.spacing_mm;
         for (place_mm, force) in forces {
             let place: [f64; 2] = std::array::from_fn(|k| (place_mm[k] - self.origin_mm[k]) / self.spacing_mm);
@@ -170,7 +167,7 @@ impl InPlaneResponse {
             let [t, s] = [0, 1].map(|k| place[k] - first[k] as f64);
             for (row, down) in [(0, 1.0 - s), (1, s)] {
                 for (column, along) in [(0, 1.0 - t), (1, t)] {
-                    let at = self.plane.value_index(first[0] + column, first[1] + row);
+                    let at = (first[1] + row) * width + first[0] + column;
                     let share = down * along / area;
                     x[at] += (share * force[0]) as f32;
                     y[at] += (share * force[1]) as f32;
@@ -180,13 +177,45 @@ impl InPlaneResponse {
                 }
             }
         }
-        self.plane.forward(&mut pressed);
-        pressed.multiply(&self.under_pressure);
-        self.plane.forward(&mut values);
-        values.apply_response(&self.under_traction);
-        values.add(&pressed);
-        self.plane.inverse(&mut values);
-        self.crop_to_view(&values)
+        self.displace_view(&loads)
+    }
+
+    /// Returns tractions along x and y and a pressure of 0 on the torus.
+    fn zeros(&self) -> [Grid<f32>; 3] {
+        let [width, height] = self.plane.size();
+        [0; 3].map(|_| Grid::new(width, height))
+    }
+
+    /// Computes the displacement in view under tractions along x and y and a pressure on the torus.
+    fn displace_view(&self, loads: &[Grid<f32>; 3]) -> DisplacementField {
+        let view = self.view_rect;
+        let loaded = loads.iter().map(|part| bounding_box(part, |value| value != 0.0));
+        let loaded = loaded.filter(|part| !part.is_empty()).reduce(Rect::union);
+        let mut parts = [0; 2].map(|_| Grid::new(view.width(), view.height()));
+        if let Some(loaded) = loaded {
+            let around = loaded.union(view);
+            let shape = ConvolutionShape {
+                source: [loaded.width(), loaded.height()],
+                offset: [loaded.x0 - around.x0, loaded.y0 - around.y0],
+                target: [around.width(), around.height()],
+            };
+            let loads = loads.each_ref().map(|part| part.crop(loaded));
+            let mut moved = [0; 2].map(|_| Grid::new(around.width(), around.height()));
+            let [x, y] = &mut moved;
+            self.plane.convolution(shape).convolve_fields::<InPlaneUnderPressure, 3, 5>(
+                &self.factors,
+                loads.each_ref().map(|part| &part.data[..]),
+                &mut [&mut x.data, &mut y.data],
+                &mut Default::default(),
+            );
+            parts = moved.map(|part| part.crop(view.in_window(around.x0, around.y0, around.width(), around.height())));
+        }
+        let [x, y] = parts;
+        let origin_mm = [
+            self.origin_mm[0] + view.x0 as f64 * self.spacing_mm,
+            self.origin_mm[1] + view.y0 as f64 * self.spacing_mm,
+        ];
+        DisplacementField { x, y, origin_mm, spacing_mm: self.spacing_mm }
     }
 
     /// Returns the distance between the values, mm.
@@ -195,7 +224,7 @@ impl InPlaneResponse {
     }
 
     /// Distributes a load over the hat functions of the torus; force and first moment are preserved.
-    fn spread_to_torus(&self, load: &Grid<f32>, origin_mm: [f64; 2], mm_per_px: [f64; 2], to: &mut [f32]) {
+    fn spread_to_torus(&self, load: &Grid<f32>, origin_mm: [f64; 2], mm_per_px: [f64; 2], to: &mut Grid<f32>) {
         let part = bounding_box(load, |value| value != 0.0);
         if part.is_empty() {
             return;
@@ -210,6 +239,7 @@ impl InPlaneResponse {
             let below = move |value: usize, edge: f64| hat_integral(edge - value as f64);
             (first..end).map(move |value| (value, (below(value, middle + half) - below(value, middle - half)) as f32))
         };
+        let along_x: Vec<Vec<_>> = (part.x0..part.x1).map(|x| shares(0, x, width).collect()).collect();
         // First along y, where complete rows are added, then along x in the few rows of the torus.
         let columns = part.width();
         let mut rows = vec![0.0; height * columns];
@@ -229,29 +259,14 @@ impl InPlaneResponse {
                 );
             }
         }
-        for x in part.x0..part.x1 {
-            for (value, share) in shares(0, x, width) {
-                for y in touched.0..touched.1 {
-                    to[self.plane.value_index(value, y)] += share * rows[y * columns + x - part.x0];
+        for y in touched.0..touched.1 {
+            let (from, to) = (&rows[y * columns..][..columns], to.row_mut(y));
+            for (x, from) in from.iter().enumerate() {
+                for (value, share) in &along_x[x] {
+                    to[*value] += share * from;
                 }
             }
         }
-    }
-
-    fn crop_to_view(&self, values: &VectorField) -> DisplacementField {
-        let Rect { x0, y0, .. } = self.view_rect;
-        let [x, y] = values.vectors().map(|from| {
-            let mut part = Grid::new(self.view_rect.width(), self.view_rect.height());
-            for row in 0..part.height {
-                for (column, value) in part.row_mut(row).iter_mut().enumerate() {
-                    *value = from[self.plane.value_index(x0 + column, y0 + row)];
-                }
-            }
-            part
-        });
-        let origin_mm =
-            [self.origin_mm[0] + x0 as f64 * self.spacing_mm, self.origin_mm[1] + y0 as f64 * self.spacing_mm];
-        DisplacementField { x, y, origin_mm, spacing_mm: self.spacing_mm }
     }
 }
 

@@ -44,7 +44,7 @@ mod solution;
 mod solve;
 mod surface;
 mod traction_grid;
-mod vector_convolve;
+pub mod vector_convolve;
 mod wall_marks;
 
 use in_plane::Load;

@@ -67,7 +67,7 @@ impl WaveVector {
     }
 
     /// Returns cos 2a and sin 2a; 0 where they are undefined.
-    fn double_angle(self) -> [f64; 2] {
+    pub(super) fn double_angle(self) -> [f64; 2] {
         let square = (self.q[0] * self.q[0] + self.q[1] * self.q[1]).max(f64::MIN_POSITIVE);
         let odd = if self.highest[0] || self.highest[1] { 0.0 } else { 2.0 * self.q[0] * self.q[1] };
         [(self.q[0] * self.q[0] - self.q[1] * self.q[1]) / square, odd / square]
@@ -85,9 +85,8 @@ impl PlaneTransform {
         [self.x.length(), self.y.length()]
     }
 
-    /// Returns convolutions on the torus within a box of `size` values.
-    pub fn convolution(&self, size: [usize; 2]) -> TorusConvolution<'_> {
-        let shape = ConvolutionShape { source: size, offset: [0; 2], target: size };
+    /// Returns convolutions of a shape on the torus.
+    pub fn convolution(&self, shape: ConvolutionShape) -> TorusConvolution<'_> {
         TorusConvolution { shape, x: &self.x, y: &self.y }
     }
 
@@ -213,7 +212,8 @@ impl PlaneTransform {
         (row / LANES * self.x.length() + column) * LANES + row % LANES
     }
 
-    fn wave_vector(&self, mm_per_value: [f64; 2], x: usize, y: usize) -> WaveVector {
+    /// Returns the wave vector of frequency `x`, `y` of a torus whose values are `mm_per_value` apart.
+    pub(super) fn wave_vector(&self, mm_per_value: [f64; 2], x: usize, y: usize) -> WaveVector {
         let size = self.size();
         let along = |k: usize, n: usize| {
             let signed = if 2 * n > size[k] { n as f64 - size[k] as f64 } else { n as f64 };

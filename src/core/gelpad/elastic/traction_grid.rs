@@ -1,12 +1,12 @@
 //! A contact's grid for tractions: computes, by Fourier transforms on a torus, how tractions and pressures on its
 //! pixels displace the pad.
 
-use super::convolve::ConvolutionBuffers;
+use super::convolve::{ConvolutionBuffers, ConvolutionShape};
 use super::fft::fast_length;
 use super::in_plane::layer_response;
 use super::layer::ElasticLayer;
 use super::plane_transform::{PlaneTransform, Symbol, VectorField, VectorResponse};
-use super::vector_convolve::VectorSpectrum;
+use super::vector_convolve::{FrequencyFactors, InPlane};
 use crate::base::grid::{Grid, Rect};
 
 /// Most pixels along a side of the torus.
@@ -44,8 +44,8 @@ pub(super) struct TractionGrid {
 /// Spectra of the response in the contact's box and of its inverse, and memory to apply them.
 #[derive(Clone)]
 struct BoxResponse {
-    response: VectorSpectrum,
-    inverse: VectorSpectrum,
+    response: FrequencyFactors<3>,
+    inverse: FrequencyFactors<3>,
     source: [Grid<f32>; 2],
     target: [Grid<f32>; 2],
     buffers: [ConvolutionBuffers; 2],
@@ -342,8 +342,8 @@ impl TractionGrid {
     /// Computes the response in the box, or its approximate inverse, to the vectors that `fill` writes into zeros.
     fn respond_in_box(&mut self, back: bool, fill: impl FnOnce(&mut [Grid<f32>; 2])) -> &[Grid<f32>; 2] {
         let known = self.box_response.get_or_insert_with(|| BoxResponse {
-            response: VectorSpectrum::new(&self.plane, &self.response),
-            inverse: VectorSpectrum::new(&self.plane, &self.inverse),
+            response: FrequencyFactors::of_response(&self.plane, &self.response),
+            inverse: FrequencyFactors::of_response(&self.plane, &self.inverse),
             source: Default::default(),
             target: Default::default(),
             buffers: Default::default(),
@@ -351,8 +351,15 @@ impl TractionGrid {
         let BoxResponse { response, inverse, source, target, buffers } = known;
         source.iter_mut().for_each(|component| component.reset(self.size[0], self.size[1]));
         fill(source);
-        let spectrum = if back { inverse } else { response };
-        self.plane.convolution(self.size).convolve_vectors(spectrum, source, target, buffers);
+        target.iter_mut().for_each(|component| component.reshape(self.size[0], self.size[1]));
+        let factors = if back { inverse } else { response };
+        let ([from_x, from_y], [to_x, to_y]) = (&*source, &mut *target);
+        self.plane.convolution(ConvolutionShape::within(self.size)).convolve_fields::<InPlane, 2, 3>(
+            factors,
+            [&from_x.data, &from_y.data],
+            &mut [&mut to_x.data, &mut to_y.data],
+            buffers,
+        );
         target
     }
 }

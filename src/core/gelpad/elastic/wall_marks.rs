@@ -60,7 +60,11 @@ impl WallMarks {
 }
 
 /// Marks pairs of pixels, given two pixels before each pair, the pair, and two pixels beyond it.
-fn mark_pairs([earlier, before, here, next, beyond, farther]: [&[f32]; BEFORE + FROM], marks: &mut [u32], step_mm: f32) {
+fn mark_pairs(
+    [earlier, before, here, next, beyond, farther]: [&[f32]; BEFORE + FROM],
+    marks: &mut [u32],
+    step_mm: f32,
+) {
     let pressed = |mm: f32| if mm > 0.0 { mm } else { 0.0 };
     simd_dispatch(
         #[inline(always)]

@@ -15,7 +15,9 @@ use super::torus::filter;
 use crate::base::cubic::catmull_rom;
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::simd_dispatch;
+use crate::gelpad::elastic::convolve::{ConvolutionBuffers, KernelSpectrum};
 use crate::gelpad::elastic::layer::ElasticLayer;
+use crate::gelpad::elastic::vector_convolve::{FrequencyFactors, InSpace};
 
 /// Nodes of the contact's grid per node of the box.
 pub const REFINEMENT: usize = 3;
@@ -38,20 +40,21 @@ pub struct ContactGrid {
     pub transform: RealTransform,
     pub spacing_mm: [f64; 2],
     /// Compliance for (fx, fy, -i fz): xx, xy, xz, yy, yz, zz per frequency, mm per force over the shear modulus.
-    compliance: [Vec<f32>; 6],
+    compliance: FrequencyFactors<6>,
     /// From forces on this grid to those on the box's surface that move it as far; nine numbers per frequency of the
     /// box.
     to_box: Vec<f32>,
     /// Place in this grid's spectrum of each frequency of the box.
     places: Vec<Option<u32>>,
-    /// Length of the wave vector, rad/mm, per frequency.
-    waves: Vec<f32>,
-    inverse: Vec<f32>,
+    /// What a force into the pad does to itself, and the length of the wave vector, rad/mm, at the frequencies from 0 up
+    /// along x and y.
+    pressed_compliance: Grid<[f32; 2]>,
+    inverse: KernelSpectrum,
     largest_compliance: f32,
     /// Displacement of a node under its own force.
     own_compliance: f32,
     spectra: PlaneSpectrum,
-    moved: PlaneSpectrum,
+    convolution_buffers: [ConvolutionBuffers; 3],
     box_spectra: PlaneSpectrum,
     box_forces: PlaneSpectrum,
     buffers: LcpBuffers,
@@ -86,6 +89,8 @@ pub struct ContactGuess<'a> {
 
 /// What one contact problem is about.
 struct Conditions {
+    /// Nodes along x and y.
+    size: [usize; 2],
     /// Unit normals.
     normal: Field,
     /// How far each node would reach into the object without any force, mm.
@@ -97,14 +102,10 @@ impl ContactGrid {
         let size = layer.grid.size.map(|size| size * REFINEMENT);
         let spacing_mm = layer.grid.spacing_mm.map(|mm| mm / REFINEMENT as f64);
         let transform = RealTransform::new(size);
-        let count = transform.frequencies();
         let modulus = 2.0 * (1.0 + pad.poisson_ratio);
-        let zeros = || vec![0.0_f32; count];
-        let mut compliance = [zeros(), zeros(), zeros(), zeros(), zeros(), zeros()];
-        let mut waves = zeros();
-        let mut exact = vec![[0.0; 6]; count];
-        for at in 0..count {
-            let (angles, highest) = transform.angles(at);
+        // The exact compliance of the linear layer, and the length of the wave vector.
+        let exact = |numbers: [usize; 2]| -> ([f64; 6], f64) {
+            let (angles, highest) = transform.angles_of(numbers);
             let q = [angles[0] / spacing_mm[0], angles[1] / spacing_mm[1]];
             let length = libm::sqrt(q[0] * q[0] + q[1] * q[1]);
             let odd = if highest[0] || highest[1] { 0.0 } else { 1.0 };
@@ -119,7 +120,7 @@ impl ContactGrid {
                 pad.transverse_compliance(length),
             ]
             .map(|compliance| compliance * spread);
-            exact[at] = [
+            let factors = [
                 h * cos * cos + t * sin * sin,
                 odd * (h - t) * cos * sin,
                 odd * c * cos,
@@ -127,17 +128,29 @@ impl ContactGrid {
                 odd * c * sin,
                 g,
             ];
-            for (to, value) in compliance.iter_mut().zip(exact[at]) {
-                to[at] = value as f32;
-            }
-            waves[at] = length as f32;
-        }
-        let places = transform.places_of_coarser(&layer.transform);
+            (factors, length)
+        };
+        let [width, height] = size;
+        let mut pressed_compliance = Grid::new(width / 2 + 1, height / 2 + 1);
+        let (mut largest_compliance, mut counted) = (0.0_f32, 0.0);
+        let norm = 1.0 / (width * height) as f64;
+        let compliance = FrequencyFactors::new(size, |[x, y]| {
+            let (factors, length) = exact([x, y]);
+            let pressed = factors[5] as f32;
+            pressed_compliance.row_mut(y)[x] = [pressed, length as f32];
+            largest_compliance = largest_compliance.max(pressed);
+            // A frequency stands for its mirror images as well.
+            let images = [(x, width), (y, height)].map(|(at, size)| if at == 0 || 2 * at == size { 1.0 } else { 2.0 });
+            counted += images[0] * images[1] * f64::from(pressed);
+            factors.map(|factor| (factor * norm) as f32)
+        });
+        let own_compliance = (counted * norm) as f32;
+        let numbers = transform.numbers_of_coarser(&layer.transform);
         let coarse = layer.transform.frequencies();
         let mut to_box = vec![0.0_f32; 9 * coarse];
-        for (at, place) in places.iter().enumerate() {
-            let Some(place) = place else { continue };
-            let [xx, xy, xz, yy, yz, zz] = exact[*place as usize];
+        for (at, numbers) in numbers.iter().enumerate() {
+            let Some(numbers) = numbers else { continue };
+            let ([xx, xy, xz, yy, yz, zz], _) = exact(*numbers);
             let here: Matrix = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
             let ratio = times(&inverse(&layer.surface_compliance(at)), &here);
             for r in 0..3 {
@@ -147,26 +160,25 @@ impl ContactGrid {
                 }
             }
         }
-        let largest_compliance = compliance[5].iter().copied().fold(0.0, f32::max);
-        let [width, height] = size;
-        let counted: f64 = (0..count).map(|at| transform.multiplicity(at) * f64::from(compliance[5][at])).sum();
-        let own_compliance = (counted / (width * height) as f64) as f32;
+        let place = |numbers: &Option<[usize; 2]>| numbers.map(|numbers| transform.place_of(numbers) as u32);
+        let places = numbers.iter().map(place).collect();
+        let count = transform.frequencies();
         let planes = |count: usize| [0, 1, 2].map(|_| HalfSpectrum::zeros(count));
         Self {
             spacing_mm,
             compliance,
             to_box,
             places,
-            waves,
-            inverse: zeros(),
+            pressed_compliance,
+            inverse: KernelSpectrum::default(),
             largest_compliance,
             own_compliance,
             spectra: planes(count),
-            moved: planes(count),
+            convolution_buffers: Default::default(),
             box_spectra: planes(coarse),
             box_forces: planes(coarse),
             buffers: LcpBuffers::default(),
-            pressed: [0, 1].map(|_| [0, 1, 2].map(|_| vec![0.0; width * height])),
+            pressed: Default::default(),
             turned: [0, 1, 2].map(|_| vec![0.0; width * height]),
             transform,
         }
@@ -253,34 +265,17 @@ impl ContactGrid {
 
     /// Writes the displacement under forces, by the exact linear layer on this torus.
     pub fn displace(&mut self, force: &Field, displacement: &mut Field) {
-        let [x, y, z] = &mut self.spectra;
-        self.transform.forward([&force[0], &force[1]], [x, y]);
-        self.transform.forward_one(&force[2], z);
-        times_minus_i(z);
-        let [xx, xy, xz, yy, yz, zz] = &self.compliance;
-        for (moved, rows) in self.moved.iter_mut().zip([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) {
-            let parts = [
-                (&mut moved.re, [&self.spectra[0].re, &self.spectra[1].re, &self.spectra[2].re]),
-                (&mut moved.im, [&self.spectra[0].im, &self.spectra[1].im, &self.spectra[2].im]),
-            ];
-            for (to, [a, b, c]) in parts {
-                simd_dispatch(
-                    #[inline(always)]
-                    || {
-                        for ((((((to, a), b), c), p), q), r) in
-                            to.iter_mut().zip(a).zip(b).zip(c).zip(rows[0]).zip(rows[1]).zip(rows[2])
-                        {
-                            *to = a * p + b * q + c * r;
-                        }
-                    },
-                );
-            }
-        }
-        let [x, y, z] = &mut self.moved;
-        times_i(z);
-        let [to_x, to_y, to_z] = displacement;
-        self.transform.inverse([x, y], [to_x, to_y]);
-        self.transform.inverse_one(z, to_z);
+        self.displace_box(self.transform.size(), force, displacement);
+    }
+
+    /// Writes the displacement in a box of `size` nodes under forces in it.
+    fn displace_box(&mut self, size: [usize; 2], force: &Field, displacement: &mut Field) {
+        self.transform.convolution(size).convolve_fields::<InSpace, 3, 6>(
+            &self.compliance,
+            force.each_ref().map(|part| &part[..]),
+            &mut displacement.each_mut().map(|part| &mut part[..]),
+            &mut self.convolution_buffers,
+        );
     }
 
     /// Makes the approximate inverse of the compliance for a contact of this size, mm.
@@ -288,9 +283,16 @@ impl ContactGrid {
         let cutoff = std::f64::consts::PI / size_mm;
         let scale = 1.0 / (self.spacing_mm[0] * self.spacing_mm[1]) / (2.0 * (1.0 + pad.poisson_ratio));
         let longest = 1.0 / (scale * pad.normal_compliance(cutoff));
-        for ((inverse, q), zz) in self.inverse.iter_mut().zip(&self.waves).zip(&self.compliance[5]) {
-            *inverse = if f64::from(*q) < cutoff { longest as f32 } else { 1.0 / zz };
-        }
+        self.inverse = KernelSpectrum::from_factors(self.transform.size(), |[x, y]| {
+            let [compliance, wave] = self.pressed_compliance.at(x, y);
+            if f64::from(wave) < cutoff { longest as f32 } else { 1.0 / compliance }
+        });
+    }
+
+    /// Computes approximately the forces in a box of `size` nodes under displacements in it, along one axis.
+    fn invert_box(&mut self, size: [usize; 2], displacement: &[f32], force: &mut [f32]) {
+        let [buffers, ..] = &mut self.convolution_buffers;
+        self.transform.convolution(size).convolve_rows(&self.inverse, displacement, force, buffers);
     }
 
     /// Finds the pressures under which the surface does not enter the object, linearised about the guess. `box_surface`
@@ -313,7 +315,7 @@ impl ContactGrid {
                 *overlap += moved * n;
             }
         }
-        self.solve_conditions(&conditions, pressure, tolerance_mm);
+        self.solve_in_region(&conditions, region, pressure, tolerance_mm);
         for ((force, normal), turned) in force.iter_mut().zip(&conditions.normal).zip(&turned) {
             for (((force, n), p), turned) in force.iter_mut().zip(normal).zip(&*pressure).zip(turned) {
                 *force = turned - n * p;
@@ -460,18 +462,9 @@ impl ContactGrid {
 
     /// Computes approximately the forces under displacements.
     fn apply_inverse(&mut self, displacement: &Field, force: &mut Field) {
-        let [x, y, z] = &mut self.spectra;
-        self.transform.forward([&displacement[0], &displacement[1]], [x, y]);
-        self.transform.forward_one(&displacement[2], z);
-        for HalfSpectrum { re, im } in &mut self.spectra {
-            for ((re, im), inverse) in re.iter_mut().zip(im).zip(&self.inverse) {
-                (*re, *im) = (*re * inverse, *im * inverse);
-            }
+        for (displacement, force) in displacement.iter().zip(force) {
+            self.invert_box(self.transform.size(), displacement, force);
         }
-        let [x, y, z] = &self.spectra;
-        let [to_x, to_y, to_z] = force;
-        self.transform.inverse([x, y], [to_x, to_y]);
-        self.transform.inverse_one(z, to_z);
     }
 
     fn linearise(&self, object: &HeightMap, lifted_mm: f32, region: Rect, free: &Field, surface: &Field) -> Conditions {
@@ -499,18 +492,38 @@ impl ContactGrid {
                 overlap[at] = reach;
             }
         }
-        Conditions { normal, overlap }
+        Conditions { size: self.transform.size(), normal, overlap }
+    }
+
+    /// Solves for the pressures in the part of the grid outside which there are none.
+    fn solve_in_region(&mut self, conditions: &Conditions, region: Rect, pressure: &mut [f32], tolerance_mm: f32) {
+        if region.is_empty() {
+            return;
+        }
+        let width = self.transform.size()[0];
+        let part = |whole: &Vec<f32>| take_part(whole, width, region);
+        let inside = Conditions {
+            size: [region.width(), region.height()],
+            normal: conditions.normal.each_ref().map(part),
+            overlap: part(&conditions.overlap),
+        };
+        let mut pressure_inside = take_part(pressure, width, region);
+        self.solve_conditions(&inside, &mut pressure_inside, tolerance_mm);
+        paste_part(&pressure_inside, pressure, width, region);
     }
 
     /// Writes how far pressures along the normals move the nodes along them.
     fn respond(&mut self, conditions: &Conditions, pressure: &[f32], moved: &mut [f32]) {
         let [mut force, mut response] = std::mem::take(&mut self.pressed);
+        for part in force.iter_mut().chain(&mut response) {
+            part.resize(pressure.len(), 0.0);
+        }
         for c in 0..3 {
             for ((force, n), p) in force[c].iter_mut().zip(&conditions.normal[c]).zip(pressure) {
                 *force = n * p;
             }
         }
-        self.displace(&force, &mut response);
+        self.displace_box(conditions.size, &force, &mut response);
         let [nx, ny, nz] = &conditions.normal;
         let [x, y, z] = &response;
         for ((moved, (x, nx)), ((y, ny), (z, nz))) in
@@ -560,12 +573,7 @@ impl ContactGrid {
                 break;
             }
             iterations += 1;
-            self.transform.forward_one(residual, &mut self.spectra[0]);
-            let HalfSpectrum { re, im } = &mut self.spectra[0];
-            for ((re, im), inverse) in re.iter_mut().zip(im).zip(&self.inverse) {
-                (*re, *im) = (*re * inverse, *im * inverse);
-            }
-            self.transform.inverse_one(&self.spectra[0], step);
+            self.invert_box(conditions.size, residual, step);
             for (z, p) in step.iter_mut().zip(&*pressure) {
                 *z = if *p > 0.0 { *z } else { 0.0 };
             }
@@ -607,17 +615,36 @@ impl ContactGrid {
     }
 }
 
+/// Returns a part of a grid with `width` columns, row by row.
+pub fn take_part(whole: &[f32], width: usize, part: Rect) -> Vec<f32> {
+    (part.y0..part.y1).flat_map(|y| &whole[y * width..][part.x0..part.x1]).copied().collect()
+}
+
+/// Writes what [`take_part`] took.
+pub fn paste_part(values: &[f32], whole: &mut [f32], width: usize, part: Rect) {
+    for (y, row) in (part.y0..part.y1).zip(values.chunks(part.width().max(1))) {
+        whole[y * width..][part.x0..part.x1].copy_from_slice(row);
+    }
+}
+
 fn sinc(x: f64) -> f64 {
     if x == 0.0 { 1.0 } else { libm::sin(x) / x }
 }
 
 /// Computes the scalar product, in eight partial sums.
 fn dot(a: &[f32], b: &[f32]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
     let mut sums = [0.0_f64; 8];
-    for (a, b) in a.as_chunks::<8>().0.iter().zip(b.as_chunks::<8>().0) {
-        for k in 0..8 {
-            sums[k] += f64::from(a[k] * b[k]);
-        }
-    }
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for (a, b) in a.iter().zip(b) {
+                for k in 0..8 {
+                    sums[k] += f64::from(a[k] * b[k]);
+                }
+            }
+        },
+    );
+    sums.iter_mut().zip(a_rest.iter().zip(b_rest)).for_each(|(sum, (a, b))| *sum += f64::from(a * b));
     sums.iter().sum()
 }

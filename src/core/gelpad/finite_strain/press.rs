@@ -5,7 +5,7 @@
 //! of it, with the places where the contact is linearised, makes that converge in some ten steps, whatever the grid.
 
 use super::anderson::{Anderson, add_scaled, subtract};
-use super::contact::{ContactGrid, ContactGuess, Field, REFINEMENT};
+use super::contact::{ContactGrid, ContactGuess, Field, REFINEMENT, paste_part, take_part};
 use super::element::{ElementGrid, State};
 use super::height_map::HeightMap;
 use super::layer::BoxLayer;
@@ -303,18 +303,6 @@ impl RubberSolver {
                 surface[at] += change;
             }
         }
-    }
-}
-
-/// Returns a part of a grid with `width` columns, row by row.
-fn take_part(whole: &[f32], width: usize, part: Rect) -> Vec<f32> {
-    (part.y0..part.y1).flat_map(|y| &whole[y * width..][part.x0..part.x1]).copied().collect()
-}
-
-/// Writes what [`take_part`] took.
-fn paste_part(values: &[f32], whole: &mut [f32], width: usize, part: Rect) {
-    for (y, row) in (part.y0..part.y1).zip(values.chunks(part.width().max(1))) {
-        whole[y * width..][part.x0..part.x1].copy_from_slice(row);
     }
 }
 

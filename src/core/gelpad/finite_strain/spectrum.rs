@@ -4,6 +4,7 @@
 //! Two real fields are one complex signal A + i B. With Z its spectrum, that of A is (Z(q) + conj Z(-q)) / 2 and that
 //! of B (Z(q) - conj Z(-q)) / 2i. Frequencies from 0 up along x and all along y are kept.
 
+use crate::gelpad::elastic::convolve::{ConvolutionShape, TorusConvolution};
 use crate::gelpad::elastic::plane_transform::{PlaneTransform, VectorField};
 
 /// The half spectrum of a real field.
@@ -57,6 +58,11 @@ impl RealTransform {
         self.plane.size()
     }
 
+    /// Returns convolutions on the torus within a box of `size` values.
+    pub fn convolution(&self, size: [usize; 2]) -> TorusConvolution<'_> {
+        self.plane.convolution(ConvolutionShape::within(size))
+    }
+
     /// Returns the number of kept frequencies.
     pub fn frequencies(&self) -> usize {
         self.places.len()
@@ -65,8 +71,12 @@ impl RealTransform {
     /// Returns the angle per value along x and y of a kept frequency, rad; it is negative for the upper half along y.
     /// The second pair is true where the frequency is the highest one, which has no sign.
     pub fn angles(&self, at: usize) -> ([f64; 2], [bool; 2]) {
+        self.angles_of(self.numbers[at])
+    }
+
+    /// Returns the angles of the frequency with these numbers along x and y; see [`Self::angles`].
+    pub fn angles_of(&self, [x, y]: [usize; 2]) -> ([f64; 2], [bool; 2]) {
         let [width, height] = self.size();
-        let [x, y] = self.numbers[at];
         let signed = if 2 * y > height { y as f64 - height as f64 } else { y as f64 };
         let turn = std::f64::consts::TAU;
         ([turn * x as f64 / width as f64, turn * signed / height as f64], [2 * x == width, 2 * y == height])
@@ -143,24 +153,17 @@ impl RealTransform {
         self.numbers.partition_point(|numbers| order(*numbers) < wanted)
     }
 
-    /// Returns how many frequencies of the complete spectrum a kept one stands for: itself and its opposite.
-    pub fn multiplicity(&self, at: usize) -> f64 {
-        let [x, _] = self.numbers[at];
-        if x == 0 || 2 * x == self.size()[0] { 1.0 } else { 2.0 }
-    }
-
-    /// Returns, for each kept frequency of a coarser grid over the same torus, its place in this one's half spectrum;
+    /// Returns, for each kept frequency of a coarser grid over the same torus, its numbers along x and y in this one;
     /// `None` for the coarser grid's highest frequencies, which have no sign.
-    pub fn places_of_coarser(&self, coarse: &Self) -> Vec<Option<u32>> {
+    pub fn numbers_of_coarser(&self, coarse: &Self) -> Vec<Option<[usize; 2]>> {
         let ([_, height], [coarse_width, coarse_height]) = (self.size(), coarse.size());
-        let place = |[x, y]: &[usize; 2]| {
+        let numbers = |[x, y]: &[usize; 2]| {
             if 2 * x == coarse_width || 2 * y == coarse_height {
                 return None;
             }
-            let row = if 2 * y > coarse_height { y + height - coarse_height } else { *y };
-            Some(self.place_of([*x, row]) as u32)
+            Some([*x, if 2 * y > coarse_height { y + height - coarse_height } else { *y }])
         };
-        coarse.numbers.iter().map(place).collect()
+        coarse.numbers.iter().map(numbers).collect()
     }
 }
 
