@@ -133,7 +133,7 @@ impl Document {
         // error, so they are reported only if there is nothing else.
         let doubles = errors.iter().all(is_duplicate);
         let mut lines = None;
-        let (mut slips, mut more_lines) = (0, 0);
+        let mut slips = 0;
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
             if problems.is_full() {
                 break;
@@ -149,7 +149,6 @@ impl Document {
             if !is_duplicate(&error) {
                 slips += 1;
                 if slips > MAX_SLIPS {
-                    more_lines += 1;
                     continue;
                 }
             }
@@ -164,9 +163,9 @@ impl Document {
                 None => problem,
             });
         }
-        if more_lines > 0 {
-            let lines = if more_lines == 1 { "line is" } else { "lines are" };
-            let problem = Diagnostic::new(format!("{name}: {more_lines} more {lines} not valid TOML"));
+        if slips > MAX_SLIPS {
+            let shown = format!("{name}: {slips} lines are not valid TOML; the first {MAX_SLIPS} are shown");
+            let problem = Diagnostic::new(shown);
             problems.push(problem.help("is this the file that you mean? `gelsim init` writes a job to start from"));
         }
         let root = TomlNode { place: full_span, value: table_value(table.get_ref(), source) };
@@ -460,6 +459,6 @@ mod tests {
         Document::parse("notes.md", "words of a page\n".repeat(40), Path::new(""), &mut problems);
         let said: Vec<&str> = problems.iter().map(|problem| problem.message.as_str()).collect();
         assert_eq!(said.len(), MAX_SLIPS + 1, "{said:?}");
-        assert_eq!(said.last(), Some(&"notes.md: 35 more lines are not valid TOML"));
+        assert_eq!(said.last(), Some(&"notes.md: 40 lines are not valid TOML; the first 5 are shown"));
     }
 }
