@@ -14,13 +14,14 @@ use clap::Args;
 use image::RgbImage;
 
 use self::summary::{
-    SCORE_HEADER, format_lines, format_scores, summarise_calibration, summarise_camera, summarise_dots, summarise_leds,
+    add_scores, format_lines, new_score_table, summarise_calibration, summarise_camera, summarise_dots, summarise_leds,
     summarise_verdict,
 };
 use super::guesses::parse_whole_number;
 use super::log::Log;
 use super::progress::bar::Bar;
 use super::store::local_path_parser;
+use super::terminal::stdout_columns;
 use super::{Failure, check_thread_count, print_result, print_to_stderr, threads_failure};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::optics::calibrated::CalibrationTable;
@@ -279,14 +280,13 @@ impl Calibrate {
         let Evaluation { presses, findings } = evaluate_presses(self.read_presses(table)?, &sensor, options)?;
         self.report_findings(findings)?;
         fs::create_dir_all(&self.out).map_err(|error| denied_failure(&self.out, &error))?;
-        let mut lines = Vec::new();
+        let mut table = new_score_table();
         for EvaluatedPress { file, simulated, scores, .. } in &presses {
             let path = self.out.join(picture_name(file));
             let [width, height] = sensor.resolution_px;
             write_file(&path, &encode_rgb(width, height, simulated))?;
-            let figures =
-                scores.as_ref().map(|scores| format_scores(scores.contact.as_ref(), Some(&scores.full_image)));
-            lines.push(format!("{file:<28} {}", figures.unwrap_or_default()));
+            let contact = scores.as_ref().and_then(|scores| scores.contact.as_ref());
+            add_scores(&mut table, file, contact, scores.as_ref().map(|scores| &scores.full_image));
         }
         let compared = presses.iter().filter(|press| press.scores.is_some()).count();
         let means = |of: &dyn Fn(&EvaluatedPress) -> Option<Scores>| {
@@ -296,13 +296,9 @@ impl Calibrate {
         };
         let ((contact, full_image), (bare, bare_image)) =
             (means(&|press| press.scores), means(&|press| press.background_scores));
-        lines.push(format!(
-            "{:<28} {}",
-            format!("mean of {compared}"),
-            format_scores(contact.as_ref(), full_image.as_ref())
-        ));
-        lines.push(format!("{:<28} {}", "background alone", format_scores(bare.as_ref(), bare_image.as_ref())));
-        print_result(&format!("{:<28} {}\n{}\n", "", SCORE_HEADER, lines.join("\n")))?;
+        add_scores(&mut table, &format!("mean of {compared}"), contact.as_ref(), full_image.as_ref());
+        add_scores(&mut table, "background alone", bare.as_ref(), bare_image.as_ref());
+        print_result(&table.render(stdout_columns()))?;
         if let (Some(contact), Some(bare)) = (contact, bare)
             && contact.mae >= fit::MAX_REMAINING_SHARE * bare.mae
         {

@@ -3,7 +3,7 @@
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
-use super::{Arguments, Failure, print_result};
+use super::{Arguments, Failure, print_file};
 
 /// Print a completion script for a shell.
 #[derive(Debug, Args)]
@@ -17,6 +17,6 @@ impl Completions {
     pub(super) fn run(self) -> Result<(), Failure> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut Arguments::command(), "gelsim", &mut script);
-        print_result(&String::from_utf8_lossy(&script))
+        print_file(&String::from_utf8_lossy(&script))
     }
 }

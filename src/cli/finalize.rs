@@ -68,8 +68,8 @@ impl Finalize {
                 finalize_in_store(&*store, &staging_folder(self.staging.clone()), depth)?
             }
         };
-        let [samples, shards] = [layout.sample_count(), layout.shard_count()].map(HumanCount);
-        let all = format!("{}: {samples} samples in {shards} shards", root.display());
+        let samples = HumanCount(layout.sample_count()).of("sample");
+        let all = format!("{}: {samples} in {}", root.display(), HumanCount(layout.shard_count()).of("shard"));
         match finalized {
             Finalized::Valid { bytes } => {
                 print_result(&format!("{all}, {}: finalized\n", HumanBytes(bytes)))?;

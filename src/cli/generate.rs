@@ -147,10 +147,9 @@ fn explain_hopeless_result(done: &RunSummary) -> Failure {
 fn format_summary(done: &RunSummary, root: &str) -> String {
     let of_sensors = if done.sensors > 1 { format!(" of {} sensors", done.sensors) } else { String::new() };
     let mut text = format!(
-        "{} samples{of_sensors} in {} shard{}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
-        HumanCount(done.samples),
-        done.shards,
-        if done.shards == 1 { "" } else { "s" },
+        "{}{of_sensors} in {}, {} of {} in contact, {} rejected, {}, {:.1} s ({:.1} samples/s) -> {root}",
+        HumanCount(done.samples).of("sample"),
+        HumanCount(done.shards).of("shard"),
         HumanCount(done.in_contact),
         HumanCount(done.samples),
         HumanCount(done.rejected),

@@ -8,9 +8,9 @@ use clap::Args;
 use super::inspect::preset_name_parser;
 use super::log::Log;
 use super::store::local_path_parser;
-use super::{Failure, print_result, print_to_stderr};
+use super::{Failure, print_file, print_to_stderr};
 use gelsim_files::diagnostic::{Report, user_error};
-use gelsim_files::sensor::PRESETS;
+use gelsim_files::sensor::{PRESETS, load_preset};
 use gelsim_files::spelling::quote_for_shell;
 use gelsim_files::write::write_new;
 use gelsim_job::inspection::SensorPad;
@@ -61,7 +61,7 @@ impl Init {
         };
         Log::plain_text(false).print_notes(&notes);
         let Some(path) = &self.file else {
-            return print_result(&text);
+            return print_file(&text);
         };
         if !create_file(path, text.as_bytes())? {
             return Err(exists(path).into());
@@ -71,7 +71,7 @@ impl Init {
         let and = if is_starter { format!(" and {}, a peg to press", starter.display()) } else { String::new() };
         let sheet = quote_for_shell(&path.with_extension("png"));
         print_to_stderr(&format!(
-            "wrote {}{and}; next: gelsim preview {} --out {sheet}",
+            "wrote {}{and}\nnext: gelsim preview {} --out {sheet}",
             path.display(),
             quote_for_shell(path)
         ));
@@ -95,14 +95,28 @@ fn create_file(path: &Path, bytes: &[u8]) -> Result<bool, Failure> {
 fn fill_template(sensor: Option<&str>) -> String {
     let named = sensor.and_then(|name| Some((name, SensorPad::from_preset(name)?)));
     let Some((name, pad)) = named else { return TEMPLATE.to_owned() };
+    let pose = job::format_pose_lines(name, &pad);
     let line = |line: &str| match line {
         "# [sensor]" => String::from("[sensor]"),
         _ if line.starts_with("# preset = ") => format!("preset = \"{name}\""),
-        _ if line.starts_with("x_mm = [") => job::format_pose_lines(name, &pad).trim_end().to_owned(),
+        _ if line.starts_with("# resolution_px = ") => {
+            let [width, height] = pad.resolution_px;
+            let key = format!("# resolution_px = [{width}, {height}]");
+            format!("{key:<42}{}", &line[line.rfind('#').unwrap_or_default()..])
+        }
+        _ if line.starts_with("x_mm = [") => pose.trim_end().to_owned(),
         _ if line.starts_with("depth_mm = [") => job::format_depth_line(&pad),
         line => line.to_owned(),
     };
+    // Dots are printed on flat pads, and shear shows by them.
+    let flat_only = TEMPLATE.find("#   [markers]").zip(TEMPLATE.find("#   [camera]"));
+    let template = match flat_only {
+        Some((from, until)) if load_preset(name).is_ok_and(|sensor| sensor.shape.is_some()) => {
+            [&TEMPLATE[..from], &TEMPLATE[until..]].concat()
+        }
+        _ => TEMPLATE.to_owned(),
+    };
     // The second coordinate is written with the first.
-    let lines = TEMPLATE.lines().filter(|written| !written.starts_with("y_mm = [")).map(line);
+    let lines = template.lines().filter(|written| !written.starts_with("y_mm = [")).map(line);
     lines.map(|line| line + "\n").collect()
 }

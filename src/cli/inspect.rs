@@ -7,7 +7,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::progress::bar::Bar;
 use super::terminal::stdout_columns;
-use super::{Failure, print_result, terminal};
+use super::{Failure, print_file, print_result, terminal};
 use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::Severity;
 use gelsim_files::diagnostic::user_error;
@@ -89,7 +89,7 @@ impl Inspect {
         let verdict = self.check_severity(&meshes);
         if self.json {
             let text = to_json_line(&InspectReport { pad, meshes });
-            print_result(&(String::from_utf8_lossy(&text) + "\n"))?;
+            print_file(&(String::from_utf8_lossy(&text) + "\n"))?;
         } else if is_set {
             print_result(
                 &(set::to_text_table(&meshes, &pad)

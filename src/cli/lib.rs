@@ -47,16 +47,9 @@ pub use failure::Failure;
 use log::Log;
 pub use terminal::print_to_stderr;
 
-/// Synthetic datasets for optical tactile sensors.
+/// Generate synthetic datasets for optical tactile sensors.
 #[derive(Debug, Parser)]
-#[command(
-    name = "gelsim",
-    version,
-    about,
-    max_term_width = 100,
-    arg_required_else_help = true,
-    disable_version_flag = true
-)]
+#[command(name = "gelsim", version, max_term_width = 100, arg_required_else_help = true, disable_version_flag = true)]
 pub struct Arguments {
     /// Print version
     #[arg(short = 'V', short_alias = 'v', long, action = clap::ArgAction::Version)]
@@ -325,8 +318,13 @@ fn parse_partition(text: &str) -> Result<(u64, u64), String> {
 
 /// Prints a result on standard output. A reader that closes it early, as `head` does, is no failure.
 fn print_result(text: &str) -> Result<(), Failure> {
+    print_file(&terminal::fold_lines(text, terminal::stdout_display().columns))
+}
+
+/// Prints what programs read, such as a job or JSON, on standard output: its lines are not folded.
+fn print_file(text: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    let text = terminal::fold_lines(&escape_hidden_chars(text), terminal::stdout_display().columns).into_owned();
+    let text = escape_hidden_chars(text);
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure::runtime(format!("standard output: {error}")))

@@ -3,7 +3,7 @@
 use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 
-use super::{Failure, print_result};
+use super::{Failure, print_file, print_result};
 use gelsim_core::base::gel::{GelCapsule, GelDome};
 use gelsim_core::effects::Effect;
 use gelsim_core::fidelity::Fidelity;
@@ -94,7 +94,7 @@ impl List {
         };
         let (lines, values): (Vec<String>, Vec<Value>) = rows.into_iter().unzip();
         if self.json {
-            print_result(&format!("{:#}\n", Value::Array(values)))
+            print_file(&format!("{:#}\n", Value::Array(values)))
         } else {
             print_result(&(lines.join("\n") + "\n"))
         }

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use super::{Failure, print_result};
+use super::{Failure, print_file};
 use gelsim_augment::config::Augment;
 use gelsim_files::sensor::Sensor;
 use gelsim_job::config::Job;
@@ -54,6 +54,6 @@ pub fn schema_text(format: Format) -> String {
 
 impl Schema {
     pub(super) fn run(self) -> Result<(), Failure> {
-        print_result(&schema_text(self.what))
+        print_file(&schema_text(self.what))
     }
 }

@@ -7,7 +7,7 @@ use std::io::{self, IsTerminal, Write};
 use anstream::{AutoStream, ColorChoice};
 use terminal_size::{Height, Width, terminal_size_of};
 
-use gelsim_files::diagnostic::DisplayOptions;
+use gelsim_files::diagnostic::{DisplayOptions, wrap_options};
 use gelsim_files::spelling::escape_hidden_chars;
 
 /// Columns assumed of a terminal that does not say how many it has.
@@ -89,7 +89,7 @@ fn fold_line(line: &str, columns: usize) -> String {
     // A last column further right would leave too little room for the folded text.
     let column = last_column_start(line, 3 * columns / 5).unwrap_or(indent + 2);
     let below = " ".repeat(column);
-    textwrap::fill(line, textwrap::Options::new(columns).subsequent_indent(&below).break_words(false))
+    textwrap::fill(line, wrap_options(columns).subsequent_indent(&below))
 }
 
 /// Returns where the last column of a table's row begins, if that is before `most`: after two spaces or more.
@@ -122,6 +122,11 @@ mod tests {
         );
         assert_eq!(fold_lines("  one two three four", Some(12)), "  one two\n    three\n    four");
         assert_eq!(fold_lines("a/path/that/has/no/space", Some(12)), "a/path/that/has/no/space");
+        assert_eq!(
+            fold_lines("preview my-job.toml", Some(12)),
+            "preview\n  my-job.toml",
+            "a file's name stays in one piece"
+        );
         assert!(
             matches!(fold_lines(row, None), Cow::Borrowed(_)) && matches!(fold_lines(row, Some(80)), Cow::Borrowed(_))
         );

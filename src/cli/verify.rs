@@ -51,8 +51,8 @@ fn verify_dataset(root: &Path, depth: CheckLevel) -> Result<bool, Failure> {
     let verified = verify(root, depth)?;
     let mut text: String = verified.findings.iter().map(|finding| format!("{finding}\n")).collect();
     let count = verified.findings.len();
-    let [samples, shards] = [verified.samples, verified.shards].map(HumanCount);
-    text += &format!("{}: {samples} samples in {shards} shards, {}: ", root.display(), HumanBytes(verified.bytes));
+    let [samples, shards] = [HumanCount(verified.samples).of("sample"), HumanCount(verified.shards).of("shard")];
+    text += &format!("{}: {samples} in {shards}, {}: ", root.display(), HumanBytes(verified.bytes));
     text += &match count {
         0 => String::from("valid and complete\n"),
         1 => String::from("1 thing is wrong\n"),

@@ -245,13 +245,14 @@ impl DisplayOptions {
     fn wrap_text(self, text: &str, indent: usize) -> String {
         match self.columns {
             None => text.to_owned(),
-            Some(columns) => {
-                let options =
-                    textwrap::Options::new(columns.saturating_sub(indent).max(MIN_COLUMNS)).break_words(false);
-                textwrap::fill(text, options)
-            }
+            Some(columns) => textwrap::fill(text, wrap_options(columns.saturating_sub(indent).max(MIN_COLUMNS))),
         }
     }
+}
+
+/// Returns how lines are folded into `columns`: between words alone, so that file names and options stay in one piece.
+pub fn wrap_options<'a>(columns: usize) -> textwrap::Options<'a> {
+    textwrap::Options::new(columns).break_words(false).word_splitter(textwrap::WordSplitter::NoHyphenation)
 }
 
 /// The narrowest width to which text is folded, columns.

@@ -10,6 +10,13 @@ pub struct HumanCount(pub u64);
 #[derive(Clone, Copy, Debug)]
 pub struct HumanBytes(pub u64);
 
+impl HumanCount {
+    /// Returns the count with what is counted: `1 shard`, `4 shards`.
+    pub fn of(self, noun: &str) -> String {
+        format!("{self} {noun}{}", if self.0 == 1 { "" } else { "s" })
+    }
+}
+
 impl fmt::Display for HumanCount {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = self.0.to_string();
@@ -62,6 +69,7 @@ mod tests {
     fn counts_have_commas_and_sizes_binary_units() {
         let counts = [0, 12, 999, 1000, 1_234_567].map(|count| HumanCount(count).to_string());
         assert_eq!(counts, ["0", "12", "999", "1,000", "1,234,567"]);
+        assert_eq!([0, 1, 2000].map(|count| HumanCount(count).of("shard")), ["0 shards", "1 shard", "2,000 shards"]);
         let sizes = [15, 1023, 1024, 1_500, 1_500_000, u64::MAX].map(|size| HumanBytes(size).to_string());
         assert_eq!(sizes, ["15 B", "1023 B", "1.00 KiB", "1.46 KiB", "1.43 MiB", "16.00 EiB"]);
     }

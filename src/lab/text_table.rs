@@ -46,8 +46,12 @@ impl TextTable {
             if from > 1 {
                 text.push('\n');
             }
-            for line in &self.lines {
+            for (at, line) in self.lines.iter().enumerate() {
                 let cell = |k: usize| line.get(k).map_or("", String::as_str);
+                let is_empty = cell(0).is_empty() && (from..until).all(|k| cell(k).is_empty());
+                if at < self.heads && is_empty {
+                    continue;
+                }
                 let mut row = pad_cell(cell(0), widths[0], false);
                 for (k, width) in widths.iter().enumerate().take(until).skip(from) {
                     row += GAP;
@@ -88,6 +92,10 @@ mod tests {
         let narrow = "level  error\n          um\nhigh     0.1\nlow     12.0\n\nlevel  time\n         ms\nhigh   40.5\nlow       3\n";
         assert_eq!(table.render(Some(17)), narrow);
         assert_eq!(table.render(Some(3)), narrow);
+        let mut named = TextTable::new(&[["face", "relief", "anchor"], ["", "mm", ""]]);
+        named.add_row(["-z", "0.50", "bounds"].map(String::from));
+        let lines = "face  relief\n          mm\n-z      0.50\n\nface  anchor\n-z    bounds\n";
+        assert_eq!(named.render(Some(12)), lines, "a line of heads without any is left out");
         assert!(!table.is_empty());
     }
 }

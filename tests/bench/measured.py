@@ -682,7 +682,7 @@ LIFTS = "gelsim generate configs/gripper-lift.toml --samples 40"
 
 
 def sequences(sentence, command, test, new, **more):
-    return Figures("how-to/sequences", command, Sentence(sentence), new, f"physics::{test}", **more)
+    return Figures("evidence/forces", command, Sentence(sentence), new, f"physics::{test}", **more)
 
 
 def slip_levels(output):
@@ -721,13 +721,13 @@ def lifts(output):
 
 SEQUENCE_FIGURES = [
     sequences(
-        "pushed out, back and out again | force within {<} % of mu N |",
+        "pushed out, back and out again | Mindlin and Deresiewicz | force within {<} % of mu N |",
         HISTORY,
         "history::a_ball_that_is_pushed_out_back_and_out_again_follows_mindlin_and_deresiewicz",
         lambda output: [100 * one(output, "36 px: force off by {} of mu N, stick radius by {} of the contact's")[0]],
     ),
     sequences(
-        "| Mindlin, from the job to the label, pad of 12 mm | force within {<} % of mu N, stick radius within {<} |",
+        "from the job to the label, pad of 12 mm | Mindlin | force within {<} % of mu N, stick radius within {<} |",
         SEQUENCES,
         "sequences::a_ball_pushed_over_a_thick_pad_follows_mindlin",
         lambda output: [
@@ -736,27 +736,27 @@ SEQUENCE_FIGURES = [
         ],
     ),
     sequences(
-        "| Kalker's rolling ball | creep {} along, {} across |",
+        "| a rolling ball | Kalker | creep {} along, {} across |",
         HISTORY,
         "history::a_rolling_ball_creeps_as_kalker_says",
         lambda output: [one(output, f"creep along {axis}: {{}} of Kalker's")[0] for axis in "xy"],
         tolerance=0.0005,
     ),
     sequences(
-        "| ball and punch turned by 1,080 degrees, mu 0.3 to 2, pads of 0.8 to 10 mm | torque {} to {} of mu times",
+        "| ball and punch turned by 1,080 degrees, mu 0.3 to 2, pads of 0.8 to 10 mm | mu times the integral of p r | torque {} to {} of it",
         HISTORY,
         "history::whatever_is_turned_far_enough_is_held_by_friction_times_its_mean_radius",
         lambda output: [of(column(output, "{} of the torque,")) for of in (min, max)],
         tolerance=0.0002,
     ),
     sequences(
-        "lifted in the end | heat within {<} % of the work,",
+        "lifted in the end | the work of the object | heat within {<} %,",
         HISTORY,
         "history::work_becomes_heat_on_any_path",
         lambda output: [one(output, "heat and work of 24 paths: at most {} % apart")[0]],
     ),
     sequences(
-        "| a lift at 25 frames a second, against 400 | heat within {<} % |",
+        "| a lift at 25 frames a second | 400 frames a second | heat within {<} % |",
         SEQUENCES,
         "sequences::what_a_lift_turns_into_heat_is_the_same_at_every_frame_rate",
         lambda output: [
@@ -764,7 +764,7 @@ SEQUENCE_FIGURES = [
         ],
     ),
     sequences(
-        "| 1,000 steps to and fro | force drifts by {<} at most,",
+        "| 1,000 steps to and fro | the first steps | force drifts by {<} at most,",
         HISTORY,
         "history::a_thousand_steps_to_and_fro_drift_nowhere_and_make_heat",
         lambda output: [worst(output, "force drifts by {},")],

@@ -106,6 +106,14 @@ fn the_job_that_init_writes_runs_as_it_stands() {
         assert_eq!(folder.read("my-object.obj"), folder.read("cube.obj"));
         let written = folder.read(&job);
         assert!(written.contains(&format!("\n[sensor]\npreset = \"{sensor}\"\n")), "{written}");
+        let preset = gelsim_files::sensor::load_preset(sensor).expect("a preset");
+        let [width, height] = preset.resolution_px;
+        assert!(written.contains(&format!("\n# resolution_px = [{width}, {height}] ")), "{written}");
+        assert_eq!(
+            written.contains("[markers]"),
+            preset.shape.is_none(),
+            "curved gels have no printed dots: {written}"
+        );
         let plan = folder.gelsim(&format!("plan {job} --strict --samples 4")).assert().success();
         let shown = String::from_utf8_lossy(&plan.get_output().stdout).into_owned();
         assert!(!shown.contains(", 0 in contact"), "{shown}");

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+__all__ = ["Coupling"]
+
 MOVED_M = 1e-5
 """How far the object is moved to measure a stiffness."""
 TURNED_RAD = 2e-3

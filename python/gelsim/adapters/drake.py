@@ -11,6 +11,8 @@ from gelsim.adapters import Transform, shapes
 from gelsim.adapters.parts import Part, body_of
 from gelsim.needed import need
 
+__all__ = ["place_of", "shape_of"]
+
 
 def place_of(body: Any, context: Any) -> Transform:
     """Where a RigidBody, or a Frame that is fixed to one, is in the world."""

@@ -13,6 +13,8 @@ from gelsim.adapters import Transform, shapes
 from gelsim.adapters.parts import Part, body_of
 from gelsim.needed import need
 
+__all__ = ["place_of", "shape_of"]
+
 
 def place_of(body: Any, *, env: int = 0) -> Transform:
     """Where a link, or an entity of one link, is in the world. `env` counts the environments of a scene that has several."""

@@ -13,6 +13,8 @@ from gelsim.simulator import Impression, Simulator
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+__all__ = ["observation", "observation_space"]
+
 SLIP = ("none", "incipient", "gross")
 """What 0, 1 and 2 of `slip` are."""
 PARTS = ("image", "wrench", "slip", "markers", "depth", "contact")

@@ -17,6 +17,8 @@ from gelsim.simulator import Impression, Simulator
 if TYPE_CHECKING:
     from gelsim.adapters.shapes import Shape
 
+__all__ = ["Pad", "shape_of"]
+
 ENDLESS_MM = 1e4
 """Half the side of a plane without one."""
 SLAB_MM = 5.0

@@ -14,6 +14,8 @@ from gelsim.adapters import Transform, shapes
 from gelsim.adapters.parts import Part, body_of
 from gelsim.needed import need
 
+__all__ = ["place_of", "shape_of"]
+
 Link = Union[int, tuple[int, int]]
 """The number of a body, or a pair: those of a body and a link."""
 

@@ -11,6 +11,8 @@ from gelsim.adapters import Transform, shapes
 from gelsim.adapters.parts import Part, body_of
 from gelsim.needed import need
 
+__all__ = ["place_of", "shape_of"]
+
 FROM_Z_TO_X = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
 """SAPIEN's cylinders and capsules lie along x."""
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from gelsim.adapters import Transform
 
+__all__ = ["Shape", "box", "capsule", "cylinder", "ellipsoid", "joined", "of_arrays", "sphere"]
+
 WITHIN_MM = 0.001
 """How far a flat triangle may lie from the round surface that it stands for."""
 SIDES = (24, 720)

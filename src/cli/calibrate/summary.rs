@@ -7,16 +7,22 @@ use gelsim_lab::calibrate::camera::MeasuredCamera;
 use gelsim_lab::calibrate::judge::fit::FitVerdict;
 use gelsim_lab::calibrate::leds::FittedLeds;
 use gelsim_lab::calibrate::run::Calibration;
+use gelsim_lab::compare::report::score_cells;
 use gelsim_lab::compare::score::Score;
+use gelsim_lab::text_table::TextTable;
 
-pub(super) const SCORE_HEADER: &str = "contact MAE / PSNR dB / SSIM    whole image MAE / PSNR dB / SSIM";
+/// Creates a table of the errors of images.
+pub(super) fn new_score_table() -> TextTable {
+    TextTable::new(&[
+        ["", "contact", "contact", "contact", "image", "image", "image"],
+        ["", "MAE", "PSNR dB", "SSIM", "MAE", "PSNR dB", "SSIM"],
+    ])
+}
 
-pub(super) fn format_scores(contact: Option<&Score>, full_image: Option<&Score>) -> String {
-    format!(
-        "{:<31} {}",
-        contact.map(format_score).unwrap_or_default(),
-        full_image.map(format_score).unwrap_or_default()
-    )
+/// Adds the errors of an image, around the contact and of all of it.
+pub(super) fn add_scores(table: &mut TextTable, name: &str, contact: Option<&Score>, full_image: Option<&Score>) {
+    let cells = |score: Option<&Score>| score.map_or([const { String::new() }; 3], score_cells);
+    table.add_row([name.to_owned()].into_iter().chain(cells(contact)).chain(cells(full_image)));
 }
 
 pub(super) fn format_score(score: &Score) -> String {

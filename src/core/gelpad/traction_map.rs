@@ -38,7 +38,7 @@ impl TractionMap {
 
     /// Returns the tractions at the pixel centres of a view, kPa: along x and y of the view's frame, and into the pad,
     /// these multiplied by a factor.
-    pub fn sample_view(&self, view: &View, into: f64) -> [Grid<f32>; 3] {
+    pub(crate) fn sample_view(&self, view: &View, into: f64) -> [Grid<f32>; 3] {
         let [width, height] = view.resolution_px;
         let finest_mm = view.mm_per_px[0].min(view.mm_per_px[1]);
         let axes = self.frame.axes();

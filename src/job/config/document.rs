@@ -22,6 +22,9 @@ const MAX_BYTES: usize = 8 << 20;
 /// Most memory that parsing a text may take, bytes: enough for fourteen thousand objects, each in a table of its own.
 const MAX_MEMORY: usize = 160 << 20;
 
+/// Most lines that are not TOML of which each is shown. A file with more of them is seldom one that was meant.
+const MAX_SLIPS: usize = 5;
+
 /// A value and its place.
 #[derive(Clone, Debug)]
 pub struct TomlNode {
@@ -130,6 +133,7 @@ impl Document {
         // error, so they are reported only if there is nothing else.
         let doubles = errors.iter().all(is_duplicate);
         let mut lines = None;
+        let mut slips = 0;
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
             if problems.is_full() {
                 break;
@@ -142,6 +146,12 @@ impl Document {
             if !is_duplicate(&error) && lines.replace(line) == Some(line) {
                 continue;
             }
+            if !is_duplicate(&error) {
+                slips += 1;
+                if slips > MAX_SLIPS {
+                    continue;
+                }
+            }
             let problem = Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place);
             let first = syntax_help::find_first_duplicate(&text, span.start).filter(|_| is_duplicate(&error));
             let help = match first {
@@ -152,6 +162,11 @@ impl Document {
                 Some(help) => problem.help(help),
                 None => problem,
             });
+        }
+        if slips > MAX_SLIPS {
+            let shown = format!("{name}: {slips} lines are not valid TOML; the first {MAX_SLIPS} are shown");
+            let problem = Diagnostic::new(shown);
+            problems.push(problem.help("is this the file that you mean? `gelsim init` writes a job to start from"));
         }
         let root = TomlNode { place: full_span, value: table_value(table.get_ref(), source) };
         self.sources.push(SourceText { name: name.to_owned(), text, folder: folder.to_owned() });
@@ -437,5 +452,13 @@ mod tests {
             &mut problems,
         );
         assert!(problems.is_empty());
+    }
+    #[test]
+    fn a_file_that_is_no_job_gives_a_few_errors_and_a_count() {
+        let mut problems = Diagnostics::default();
+        Document::parse("notes.md", "words of a page\n".repeat(40), Path::new(""), &mut problems);
+        let said: Vec<&str> = problems.iter().map(|problem| problem.message.as_str()).collect();
+        assert_eq!(said.len(), MAX_SLIPS + 1, "{said:?}");
+        assert_eq!(said.last(), Some(&"notes.md: 40 lines are not valid TOML; the first 5 are shown"));
     }
 }

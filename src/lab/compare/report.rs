@@ -98,7 +98,8 @@ fn build_score_table(comparison: &Comparison, total: &Means, per_image: bool) ->
     table
 }
 
-fn score_cells(score: &Score) -> [String; 3] {
+/// Formats MAE, PSNR and SSIM.
+pub fn score_cells(score: &Score) -> [String; 3] {
     let psnr = score.psnr_db.map_or(String::from("inf"), |psnr| format!("{psnr:.2}"));
     [format!("{:.3}", score.mae), psnr, format!("{:.4}", score.ssim)]
 }

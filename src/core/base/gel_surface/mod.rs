@@ -190,7 +190,7 @@ impl GelSurface {
     }
 
     /// Returns the normal at the tip.
-    pub fn tip_normal(&self) -> DVec3 {
+    pub(crate) fn tip_normal(&self) -> DVec3 {
         self.tip_normal
     }
 

@@ -70,7 +70,7 @@ impl FiniteStrain {
 
 impl StrainSettings {
     /// Returns the settings of the correction of the elastic model.
-    pub fn of_correction(friction: Option<Friction>) -> Self {
+    pub(crate) fn of_correction(friction: Option<Friction>) -> Self {
         Self {
             spacing_mm: None,
             tolerance_um: CORRECTION_TOLERANCE_UM,

@@ -88,7 +88,7 @@ impl CalibrationResponse {
     }
 
     /// Computes the outputs at one point, slowly and exactly.
-    pub fn outputs_at(&self, inputs: &[f64]) -> Vec<f64> {
+    pub(crate) fn outputs_at(&self, inputs: &[f64]) -> Vec<f64> {
         let sum = |weights: &[f32], values: &[f64]| -> f64 {
             weights.iter().zip(values).map(|(weight, value)| f64::from(*weight) * value).sum()
         };

@@ -66,7 +66,7 @@ pub struct ForceTable {
     pub presses: Vec<ForcePress>,
     /// True if the table has the column `time_s`.
     pub has_times: bool,
-    /// True if the table has the column `shear_force_n`.
+    /// True if the table has a tangential force: a value in the column `shear_force_n`.
     pub has_shear: bool,
 }
 
@@ -181,9 +181,9 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<ForceTable, Report> {
     match read.filter(|_| problems.is_empty()) {
         Some((presses, layout)) => Ok(ForceTable {
             path: path.to_owned(),
-            presses,
             has_times: layout.has(Column::Time),
-            has_shear: layout.has(Column::ShearForce),
+            has_shear: presses.iter().flat_map(|press| &press.rows).any(|row| row.shear_force_n.is_some()),
+            presses,
         }),
         None => Err(Report::new(&problems, &[source])),
     }
@@ -558,6 +558,11 @@ mod tests {
         )
         .expect("a table");
         assert!(table.has_times && !table.has_shear);
+        let shear_of = |cells: &str| {
+            let text = format!("ball_radius_mm,depth_mm,force_n,shear_mm,shear_force_n\n4,0.1,0.2,{cells}\n");
+            read_text(&text).expect("a table").has_shear
+        };
+        assert_eq!([shear_of(","), shear_of("0.1,0.05")], [false, true], "an empty column has no forces");
         let names: Vec<(&str, usize)> = table.presses.iter().map(|p| (p.name.as_str(), p.rows.len())).collect();
         assert_eq!(names, [("a", 2), ("b", 1)]);
         assert_eq!(table.presses[1].indenter, ForceIndenter::Punch { radius_mm: 2.0 });

@@ -544,7 +544,7 @@ mod tests {
         let found = texts(&draw_tradeoff(&tradeoff).to_svg().0);
         let lines = [
             "200 ms, error 0 by definition",
-            "balls 0.2 to 2.6 \u{b5}m, walls 1.1 to 21 \u{b5}m",
+            "balls 0.2 to 1.6 \u{b5}m, walls 1.3 to 9 \u{b5}m",
             "60 ms, 7 \u{b5}m",
             "error of the linear theory: 7 \u{b5}m; dashed: numerical error alone",
         ];
