@@ -15,9 +15,11 @@ use super::sensor::{
     BACKGROUND, BALLS, CONTACT_OVER_DISC, Press, THICKNESS_MM, mean_error, presses, session, simulated, uncalibrated,
 };
 
-/// A smaller model, learnt in a hurry.
-const QUICK: TrainingSettings =
-    TrainingSettings { networks: 2, units: 12, steps: 500, batch: 1024, rate: 1e-2, decay: 0.1 };
+/// A smaller model, learnt in a hurry; in a greater one unless all is to be tried.
+fn quick() -> TrainingSettings {
+    let (steps, batch) = if crate::thorough() { (500, 1024) } else { (250, 512) };
+    TrainingSettings { networks: 2, units: 12, steps, batch, rate: 1e-2, decay: 0.1 }
+}
 
 /// Where nothing has to be chosen.
 fn known_geometry() -> CalibrationRequest {
@@ -25,13 +27,13 @@ fn known_geometry() -> CalibrationRequest {
         thickness_mm: Some(THICKNESS_MM),
         contact_over_disc: Some(CONTACT_OVER_DISC),
         drops_outliers: false,
-        settings: QUICK,
+        settings: quick(),
     }
 }
 
 /// From good presses, with everything left to be chosen.
 pub static GOOD: LazyLock<Calibration> = LazyLock::new(|| {
-    calibrated(session(BALLS.iter()), &CalibrationRequest { settings: QUICK, ..CalibrationRequest::default() })
+    calibrated(session(BALLS.iter()), &CalibrationRequest { settings: quick(), ..CalibrationRequest::default() })
 });
 
 fn calibrated(session: Session, request: &CalibrationRequest) -> Calibration {
@@ -109,7 +111,8 @@ fn bad_presses_are_named_and_left_out_if_that_is_wished() {
     assert!(bad.iter().all(|file| dropped.contains(&file.as_str())), "{dropped:?}");
     // Two good ones went with them when this was written: beside the one that is left, they look odd.
     assert!(dropped.len() <= bad.len() + 2 && left.session.observations.len() + dropped.len() == 30, "{dropped:?}");
-    assert_errors("bad presses left out", &left.table, [2.1, 1.9, 10.4, 3.1]);
+    let cone = if crate::thorough() { 10.4 } else { 14.1 };
+    assert_errors("bad presses left out", &left.table, [2.1, 1.9, cone, 3.1]);
 }
 
 #[test]

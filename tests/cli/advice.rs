@@ -1,5 +1,8 @@
 //! The advice of messages, followed: every refusal of a job in these suites is mended as its help says, where that is spelt.
 
+use gelsim_job::config::Overrides;
+use gelsim_job::plan::Plan;
+
 use crate::support::Folder;
 
 /// One paragraph of a report.
@@ -45,12 +48,19 @@ pub fn assert_mended(folder: &Folder, said: &str) {
     }
     let problem = &problem;
     let Ok(job) = std::fs::read_to_string(folder.path("job.toml")) else { return };
+    let is_in = |said: &str| said.lines().any(|line| line == format!("error: {}", problem.title));
+    // What is found as the job is read is found without the command, which also renders samples of a sound one.
+    let read = || Plan::load(&folder.path("job.toml"), &Overrides::default()).err();
+    let is_found_in_reading = read().is_some_and(|report| is_in(&report.to_string()));
     for mended in follow_advice(&job, problem) {
         folder.write("job.toml", mended.as_str());
-        let output = folder.gelsim("plan job.toml --samples 1 --quiet").output().expect("it runs");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        let is_there = said.lines().any(|line| line == format!("error: {}", problem.title));
-        assert!(!is_there, "{problem:#?} was followed:\n{mended}\n{said}");
+        let said = if is_found_in_reading {
+            read().map_or_else(String::new, |report| report.to_string())
+        } else {
+            let output = folder.gelsim("plan job.toml --samples 1 --quiet").output().expect("it runs");
+            String::from_utf8_lossy(&output.stderr).into_owned()
+        };
+        assert!(!is_in(&said), "{problem:#?} was followed:\n{mended}\n{said}");
     }
     folder.write("job.toml", job.as_str());
 }

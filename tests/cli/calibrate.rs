@@ -61,6 +61,9 @@ pub fn refused(folder: &Folder, arguments: &str) -> String {
 
 const CALIBRATE: &str = "calibrate presses.csv --background rest.png --out out/mine.toml";
 
+/// Few steps in a pad of known geometry, where it is not the fit that counts.
+const HURRIED: &str = "--steps 25 --thickness-mm 4 --contact-over-disc 0.95";
+
 #[test]
 fn every_mistake_in_table_and_pictures_is_said_at_once_with_its_line() {
     let folder = good();
@@ -152,7 +155,7 @@ fn what_cannot_be_learnt_from_or_written_is_refused_before_the_work() {
 
 /// Runs the command on `threads` threads, and says what it wrote, on standard output and on standard error.
 fn calibrated(folder: &Folder, threads: &str) -> (BTreeMap<String, Vec<u8>>, String, String) {
-    let arguments = format!("{CALIBRATE} --detect --thickness-mm 4 --contact-over-disc 0.95 --steps 150");
+    let arguments = format!("{CALIBRATE} --detect --thickness-mm 4 --contact-over-disc 0.95 --steps 100");
     let assert = folder.gelsim(&arguments).env("RAYON_NUM_THREADS", threads).assert().success();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let output = assert.get_output();
@@ -298,7 +301,7 @@ fn printed_dots_are_masked_and_stand_in_the_sensor_file() {
     for (k, circle) in CIRCLES.into_iter().enumerate() {
         with_printed_dots(pressed(circle)).save(folder.path(&format!("{k}.png"))).expect("an image");
     }
-    let assert = folder.gelsim(&format!("{CALIBRATE} --steps 150 --keep-anyway")).assert().success();
+    let assert = folder.gelsim(&format!("{CALIBRATE} {HURRIED} --keep-anyway")).assert().success();
     let said = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
     assert!(said.contains("dots are printed on the pad"), "{said}");
     let sensor: toml::Table = folder.read("out/mine.toml").parse().expect("TOML");
@@ -317,7 +320,7 @@ fn a_background_in_another_order_and_darker_is_matched() {
     picture.pixels_mut().for_each(|pixel| pixel.0 = [2, 1, 0].map(|k| (0.8 * f64::from(pixel.0[k])).round() as u8));
     picture.save(folder.path("rest.png")).expect("an image");
     folder.fail(CALIBRATE, 1);
-    folder.gelsim(&format!("{CALIBRATE} --match-background --steps 150")).assert().success();
+    folder.gelsim(&format!("{CALIBRATE} --match-background {HURRIED} --keep-anyway")).assert().success();
     let written = image::open(folder.path("out/mine.background.png")).expect("a picture").into_rgb8();
     let off = written.iter().zip(rest().iter()).map(|(a, b)| a.abs_diff(*b)).max().expect("pixels");
     assert!(off <= 3, "{off} levels off the pad that the presses show");
@@ -370,6 +373,8 @@ fn leds_alone_are_fitted_from_three_presses_and_render() {
 #[test]
 fn surfaces_are_complete_the_same_on_any_threads_and_nothing_else_is_lost() {
     let folder = good();
+    let four: String = folder.read("presses.csv").lines().take(5).map(|line| format!("{line}\n")).collect();
+    folder.write("presses.csv", four);
     let calibrate = "calibrate --leds presses.csv --background rest.png --out mine.toml --thickness-mm 4 --surfaces";
     folder.succeed(&format!("{calibrate} one --threads 1"));
     // In place of those before, of more presses.
@@ -382,7 +387,7 @@ fn surfaces_are_complete_the_same_on_any_threads_and_nothing_else_is_lost() {
     assert_same_files(&files, &folder.files("three"));
     let index = json(&folder, "one/surfaces.json");
     let presses = index["presses"].as_array().expect("presses");
-    assert_eq!((presses.len(), files.len()), (7, 1 + 3 * 7));
+    assert_eq!((presses.len(), files.len()), (4, 1 + 3 * 4));
     assert_eq!((index["mm_per_px"][0].as_f64(), index["gelpad_thickness_mm"].as_f64()), (Some(0.2), Some(4.0)));
     let layer = |number: usize| {
         let layer = &index["layers"][number];

@@ -26,7 +26,7 @@ fn labels_say_by_which_theory_a_press_was_solved() {
         ("gelpad.elastic.strain_correction = true", "elastic", ["linear", "finite_strain"]),
     ] {
         let folder = Folder::with_job(&with(keys));
-        folder.succeed("generate job.toml --quiet --out out");
+        folder.succeed("generate job.toml --quiet --samples 4 --out out");
         for label in folder.labels("out").values() {
             assert_eq!(label["gelpad_model"], model, "{keys}");
             let numerics = &label["numerics"];

@@ -138,13 +138,13 @@ fn assert_sound(report: &Report) {
     assert!(report.render(DisplayOptions { is_styled: true, columns: Some(40) }).contains("error"));
 }
 
-/// The same jobs at every run; with `GELSIM_THOROUGH`, as in `.ci/run --full`, others each time.
+/// Few jobs, the same at every run; with `GELSIM_THOROUGH`, as in `.ci/run --full`, more of them and others each time.
 fn config() -> ProptestConfig {
-    let rng_seed = match std::env::var_os("GELSIM_THOROUGH") {
-        Some(_) => RngSeed::Random,
-        None => RngSeed::Fixed(5),
+    let (cases, rng_seed) = match crate::thorough() {
+        true => (256, RngSeed::Random),
+        false => (64, RngSeed::Fixed(5)),
     };
-    ProptestConfig { cases: 256, rng_seed, failure_persistence: None, ..ProptestConfig::default() }
+    ProptestConfig { cases, rng_seed, failure_persistence: None, ..ProptestConfig::default() }
 }
 
 proptest! {

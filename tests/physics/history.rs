@@ -173,9 +173,14 @@ fn whatever_is_turned_far_enough_is_held_by_friction_times_its_mean_radius() {
     let pixels = 40;
     let pitch = BOX_MM / pixels as f64;
     let mut random = Random(11);
+    let mut tried = 0;
     for (object, load) in [("ball", hertz(pixels, pitch, 1.0, 0.48, 0.0)), ("punch", punch(pixels, pitch))] {
         for (h, nu) in [(0.8, 0.48), (3.0, 0.48), (3.0, 0.3), (10.0, 0.48)] {
-            for mu in [0.3, 1.0, 2.0] {
+            // Every coefficient, or one in each pad.
+            let coefficients = [0.3, 1.0, 2.0];
+            tried += 1;
+            let own = if crate::thorough() { &coefficients[..] } else { &coefficients[tried % 3..][..1] };
+            for &mu in own {
                 let mut most = 0.0;
                 for (at, p) in load.pressure.data.iter().enumerate() {
                     let place = |k: usize| load.origin_mm[0] + k as f64 * pitch;
@@ -213,7 +218,7 @@ fn work_becomes_heat_on_any_path() {
     let pitch = BOX_MM / pixels as f64;
     let mut random = Random(7);
     let (mut above, mut below) = (0.0_f64, 0.0_f64);
-    for number in 0..24 {
+    for number in 0..if crate::thorough() { 24 } else { 8 } {
         let (nu, mu) = (random.within(0.2, 0.499), 0.2 * 10_f64.powf(random.within(0.0, 1.0)));
         let h = random.within(0.8, 8.0);
         let round = number % 2 == 0;
@@ -275,7 +280,7 @@ fn work_becomes_heat_on_any_path() {
         above = above.max(over.abs());
     }
     println!(
-        "history: heat and work of 24 paths: at most {:.2} % apart, never {:.2} % above",
+        "history: heat and work of all paths: at most {:.2} % apart, never {:.2} % above",
         100.0 * above,
         -100.0 * below
     );

@@ -200,8 +200,16 @@ fn displacement_under_pressure_agrees_with_a_fine_grid() {
             ("square, d 0.5", pressed(&setup, square(0.5))),
             ("gear, d 0.5", pressed(&setup, gear(0.5))),
         ];
-        if h != 3.0 && !crate::thorough() {
-            loads.drain(1..4);
+        if !crate::thorough() {
+            // Each load in one of the pads.
+            let own = if h == 3.0 {
+                vec![1, 4]
+            } else if h == 2.0 {
+                vec![0, 2]
+            } else {
+                vec![3]
+            };
+            loads = loads.into_iter().enumerate().filter(|(at, _)| own.contains(at)).map(|(_, load)| load).collect();
         }
         for (name, load) in loads {
             let nothing = Grid::new(load.pressure.width, load.pressure.height);

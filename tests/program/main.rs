@@ -19,3 +19,8 @@ mod pty;
 mod random_jobs;
 #[path = "../cli/support.rs"]
 mod support;
+
+/// True where `GELSIM_THOROUGH` is set, as `.ci/run --full` does: random cases and sweeps in their full number.
+fn thorough() -> bool {
+    std::env::var_os("GELSIM_THOROUGH").is_some()
+}

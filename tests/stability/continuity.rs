@@ -46,7 +46,7 @@ fn largest_change(setting: &Setting<'_>, numbers: &Numbers) -> Change {
     // Rubber at finite strain takes a hundred times as long.
     let few = setting.level == Fidelity::FiniteStrain && !crate::thorough();
     let nudged = NUDGES.iter().filter(|(_, needs, _)| *needs == Extras::None || setting.extras == Extras::All);
-    let nudged = nudged.step_by(if few { 4 } else { 1 });
+    let nudged = nudged.step_by(if few { 6 } else { 1 });
     nudged.fold(Change::default(), |most, (_, _, nudge)| {
         let mut moved = *numbers;
         nudge(&mut moved);
@@ -67,7 +67,9 @@ fn a_millionth_more_of_anything_does_not_show() {
             for object in objects.iter().take(if few { usize::from(extras == Extras::All) } else { objects.len() }) {
                 let setting = Setting { object, level, extras, more: NO_SHADOWS, ..Setting::default() };
                 let change = largest_change(&setting, &GENERIC).or(match extras {
-                    Extras::None if !few => largest_change(&setting, &ELSEWHERE),
+                    Extras::None if !few && (crate::thorough() || *object == "cube") => {
+                        largest_change(&setting, &ELSEWHERE)
+                    }
                     _ => Change::default(),
                 });
                 assert_eq!(change.flipped_px, 0, "{object}, {level:?}, {extras:?}: no edge is near a pixel centre");

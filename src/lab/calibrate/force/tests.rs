@@ -174,8 +174,10 @@ fn presses_that_cannot_tell_are_refused_and_doubtful_ones_named() {
     };
     assert_eq!(judged(&good, PAD, false), (false, String::new()));
     hopeless(&only(&["p1", "p2"]), PAD, false, "2 of the 3 presses");
-    hopeless(&good, pad(1.0), false, "linear theory does not hold");
-    let (bad, said) = judged(&good, pad(2.0), false);
+    // Balls a tenth as large: in thin pads contacts as wide as theirs take long to solve.
+    let small = good.replace(&format!(",{BALL_MM},"), ",5,");
+    hopeless(&small, pad(1.0), false, "linear theory does not hold");
+    let (bad, said) = judged(&small, pad(2.0), false);
     assert!(!bad && said.contains("some 10 % off"), "{said}");
     let flat = "press,ball_radius_mm,depth_mm,force_n\na,5,0.3,1\nb,5,0.31,1.1\nc,5,0.3,1\n";
     hopeless(flat, PAD, true, "cannot tell a wrong zero");
