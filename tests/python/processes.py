@@ -17,7 +17,7 @@ FILLED = """
 mount -t tmpfs -o size="$SIZE" none "$DISK" || exit 98
 "$@"; first=$?
 mount -o remount,size=1g "$DISK" || exit 98
-[ ! -e "$COPY" ] || [ $first = 0 ] || exit 96
+[ ! -e "$COPY" ] || [ $first = 0 ] || [ -n "$STAYS" ] || exit 96
 "$@" >&2 || exit 97
 cp -r "$COPY" "$AGAIN"
 exit $first
@@ -107,10 +107,11 @@ def wait(condition, what):
     raise TimeoutError(f"no {what} within {PATIENCE_S} s")
 
 
-def fill_disk(line, copy, size_kb, again):
+def fill_disk(line, copy, size_kb, again, stays=False):
     """Runs a command that writes `copy`, on a disk of so many kB that is mounted at its folder, and once more with room
-    on it; `again` is what is there then. Gives how the first run ended: its status, and what both said."""
-    variables = {"SIZE": f"{size_kb}k", "DISK": copy.parent, "COPY": copy, "AGAIN": again}
+    on it; `again` is what is there then. Of the first run nothing may have the final name, unless it `stays`. Gives how
+    that ended: its status, and what both said."""
+    variables = {"SIZE": f"{size_kb}k", "DISK": copy.parent, "COPY": copy, "AGAIN": again, "STAYS": "1" if stays else ""}
     environment = {**os.environ, **{name: str(value) for name, value in variables.items()}}
     line = ["unshare", "-rm", "sh", "-c", FILLED, "sh", *map(str, line)]
     done = subprocess.run(line, env=environment, capture_output=True, text=True)
