@@ -350,7 +350,7 @@ def read_set(path: Path) -> dict[str, Any]:
             raise UsageError(f"{file} is of a newer gelsim (set_version {version}): install that, or a newer one")
         folders = [each["folder"] for each in found["sensors"]]
         inside = [*folders, found.get("calibration", "calibration")]
-        if not folders or not isinstance(found["paired"], bool) or any(Path(each).name != each for each in inside):
+        if not folders or not isinstance(found["paired"], bool) or any(Path(each).name != each or each == ".." for each in inside):
             raise ValueError("it names no folders beside it")
         return cast("dict[str, Any]", found)
     except OSError as error:

@@ -340,9 +340,7 @@ fn compare_values(path: &str, recorded: &toml::Value, here: &toml::Value, found:
                 let image = path.ends_with(".path") && !is_object;
                 // Where meshes are found does not matter, since their contents have hashes.
                 let packages = path.ends_with(".packages") && is_object;
-                let file =
-                    ["sensor.background", "sensor.calibration", "sensor.pins.layout.file"].contains(&path.as_str());
-                if image || file || packages {
+                if image || names_hashed_file(&path) || packages {
                     continue;
                 }
                 if let Some(file) = find_changed_file(key, a, b) {
@@ -375,6 +373,13 @@ fn compare_values(path: &str, recorded: &toml::Value, here: &toml::Value, found:
     }
 }
 
+/// Returns true for a key of a sensor, of the other finger's, too, that names a file whose hash stands beside it.
+fn names_hashed_file(path: &str) -> bool {
+    let of_sensor = path.strip_prefix("gripper.right.").or_else(|| path.strip_prefix("sensor.")).unwrap_or(path);
+    let is_sensors = of_sensor != path && ["background", "calibration", "pins.layout.file"].contains(&of_sensor);
+    is_sensors || of_sensor == "markers.file"
+}
+
 /// Returns the file, by its path in the plan's job, whose hash at `key` differs between two tables; `None` if `key` is
 /// no hash, or the hashes are equal.
 fn find_changed_file<'a>(key: &str, recorded: &toml::Table, here: &'a toml::Table) -> Option<&'a str> {
@@ -382,6 +387,7 @@ fn find_changed_file<'a>(key: &str, recorded: &toml::Table, here: &'a toml::Tabl
         "sha256" => "path",
         "background_sha256" => "background",
         "calibration_sha256" => "calibration",
+        "file_sha256" => "file",
         _ => return None,
     };
     let differs = recorded.get(key)? != here.get(key)?;

@@ -273,3 +273,13 @@ fn dots_out_of_view_and_a_diameter_that_no_dot_takes_are_told() {
     assert!(!said("x_mm,y_mm,diameter_mm\n0,0,1\n1,1,\n", " --set markers.diameter_mm=0.5").contains(unused));
     assert!(!said("x_mm,y_mm,diameter_mm\n0,0,1\n1,1,1\n", " --set markers.diameter_mm=0.0").contains(unused));
 }
+
+#[test]
+fn a_dataset_with_measured_dots_is_that_of_its_own_job() {
+    let folder = Folder::with_job(&job("file = \"dots.csv\""));
+    folder.write("dots.csv", "x_mm,y_mm\n0,0\n1,1\n");
+    folder.succeed("generate job.toml --quiet --out out");
+    folder.succeed("verify out");
+    folder.succeed("finalize out");
+    folder.succeed("verify out");
+}

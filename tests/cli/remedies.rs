@@ -307,6 +307,9 @@ fn a_level_on_the_command_line_keeps_the_friction_of_a_frame() {
     assert!(!folder.path("none").exists());
 }
 
+/// An LED, whose other keys follow.
+const LED: &str = "[[sensor.led]]\nname = \"a\"\nazimuth_deg = 90.0\nelevation_deg = 30.0\nintensity = 0.5\n";
+
 #[test]
 fn keys_that_change_nothing_are_said_and_have_an_effect_when_the_advice_is_followed() {
     let folder = Folder::new();
@@ -326,6 +329,41 @@ fn keys_that_change_nothing_are_said_and_have_an_effect_when_the_advice_is_follo
             String::from("[texture]\nscale_mm = 0.3\n"),
             ["`texture` has no effect", "add amplitude_mm = [0.01, 0.05]"],
             String::from("[texture]\namplitude_mm = [0.01, 0.05]\nscale_mm = 0.3\n"),
+        ),
+        (
+            String::from("[sensor.window]\ndistance_mm = 60.0\n"),
+            ["`sensor.window` has no effect", "choose optics = \"led\""],
+            String::from("[optics.led]\n[sensor.window]\ndistance_mm = 60.0\n"),
+        ),
+        (
+            String::from("[sensor.coat]\nalbedo = 0.4\n"),
+            ["`sensor.coat` has no effect", "choose optics = \"led\""],
+            String::from("[optics.led]\n[sensor.coat]\nalbedo = 0.4\n"),
+        ),
+        (
+            format!("{LED}size_mm = [4.0, 1.0]\n"),
+            ["`sensor.led.0.size_mm` has no effect", "choose optics = \"led\""],
+            format!("[optics.led]\n{LED}size_mm = [4.0, 1.0]\n"),
+        ),
+        (
+            format!("{LED}lobe = 2.0\n"),
+            ["`sensor.led.0.lobe` has no effect", "choose optics = \"led\""],
+            format!("[optics.led]\n{LED}lobe = 2.0\n"),
+        ),
+        (
+            String::from("[sensor]\npreset = \"gelsight-series2\"\ndarkening = 0.2\n"),
+            ["`sensor.darkening` has no effect", "leave it out"],
+            String::from("[sensor]\npreset = \"gelsight-series2\"\n"),
+        ),
+        (
+            String::from("[sensor]\npreset = \"gelsight-series2\"\ngrain = { height_um = 1.0, size_mm = 0.3 }\n"),
+            ["`sensor.grain` has no effect", "leave it out"],
+            String::from("[sensor]\npreset = \"gelsight-series2\"\n"),
+        ),
+        (
+            String::from("[gelpad]\nrelaxation = [{ share = 0.2, time_s = 0.5 }]\n"),
+            ["`relaxation` has no effect", "leave it out"],
+            String::new(),
         ),
     ] {
         folder.write("job.toml", format!("{}\n{more}", one_object("cube.obj", "")));

@@ -38,6 +38,8 @@ use gelsim_dataset::{decode, verify};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::exr::{Compression, Exr, Pixel};
 use gelsim_files::mesh::{Format, parse};
+use gelsim_files::sensor::markers::parse_marker_table;
+use gelsim_files::sensor::pins::parse_pin_table;
 use gelsim_files::{exr as exr_file, heights, image_file, npy as npy_file, png as png_file};
 use gelsim_job::config::dataset::Dataset;
 use gelsim_job::config::{self, Overrides, ParsedJob};
@@ -263,6 +265,67 @@ pub fn png(bytes: &[u8]) {
             assert_eq!(image_file::decode_rgb(&again).as_ref(), Ok(&picture));
         }
     }
+}
+
+/// A picture of any format is refused in words, or has the size that its header says.
+pub fn picture(bytes: &[u8]) {
+    heights_of(bytes);
+    let read = image_file::decode_image(bytes);
+    match &read {
+        Err(reason) => assert!(!reason.is_empty() && !reason.contains('\n'), "{reason}"),
+        Ok(picture) => {
+            let size = [picture.width() as usize, picture.height() as usize];
+            assert!(size.iter().all(|side| (1..=8192).contains(side)));
+            assert_eq!(image_file::read_header(bytes).as_ref(), Ok(&(size, picture.color())));
+            assert_eq!(image_file::decode_rgb(bytes).map(|rgb| rgb.dimensions()), Ok(picture.to_rgb8().dimensions()));
+        }
+    }
+    // What only counts pixels says the same of what can be read.
+    if let (Ok(size), Ok(picture)) = (image_file::read_size_of_bytes(bytes), read) {
+        assert_eq!(size, [picture.width() as usize, picture.height() as usize]);
+    }
+    assert!(image_file::detect_extension(bytes).is_none_or(|ending| !ending.is_empty()));
+}
+
+/// A table of dots or pins is refused with places, or each of them is somewhere.
+pub fn places(bytes: &[u8]) {
+    let pins = parse_pin_table("pins.csv", bytes);
+    let dots = parse_marker_table("dots.csv", bytes);
+    for mistakes in [pins.as_ref().err(), dots.as_ref().err()].into_iter().flatten() {
+        assert!(
+            (1..20).contains(&mistakes.len())
+                && mistakes.iter().all(|what| what.contains(".csv: ") || what.contains(".csv:"))
+        );
+    }
+    for at_mm in pins.iter().flatten().chain(dots.iter().flatten().map(|dot| &dot.at_mm)) {
+        assert!(at_mm.iter().all(|mm| mm.abs() <= 1e4), "{at_mm:?}");
+    }
+    assert!(dots.iter().flatten().all(|dot| dot.diameter_mm.is_none_or(|mm| mm > 0.0 && mm.is_finite())));
+}
+
+/// A sensor file is refused with a report that can be shown, or is the same after being written out and read again.
+pub fn sensor(bytes: &[u8]) {
+    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::TempDir::new().expect("a folder"));
+    let path = FOLDER.path().join(format!("{:?}.toml", std::thread::current().id()));
+    let read = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).expect("a file in the temporary folder");
+        let mut problems = Diagnostics::default();
+        let read = config::read_sensor_file(path.to_str().expect("a path in letters"), &mut problems);
+        (read, problems)
+    };
+    let (mut first, mut problems) = read(bytes);
+    if problems.is_empty() {
+        let sensor = first.job.to_json()["sensor"].clone();
+        let again = toml::to_string(&sensor).expect("a sensor can be written");
+        let (second, problems) = read(again.as_bytes());
+        assert!(problems.is_empty(), "{again}");
+        assert_eq!(second.job.to_json()["sensor"], sensor);
+    }
+    // All that the plan checks without a file.
+    first.job.paths_mut().for_each(|path| *path = String::from("none.png"));
+    problems.push(Diagnostic::new("a plan is not wanted"));
+    let report = Plan::resolve(first, problems).err().expect("one problem at least");
+    assert!(report.to_string().contains("error: "));
 }
 
 /// What was read, if it was; its size must be that of its data.

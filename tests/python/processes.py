@@ -12,6 +12,17 @@ import pytest
 
 PATIENCE_S = 300
 
+# Fills a disk of `SIZE` with what a command writes, makes room, and runs the command again; in namespaces of its own.
+FILLED = """
+mount -t tmpfs -o size="$SIZE" none "$DISK" || exit 98
+"$@"; first=$?
+mount -o remount,size=1g "$DISK" || exit 98
+[ ! -e "$COPY" ] || [ $first = 0 ] || [ -n "$STAYS" ] || exit 96
+"$@" >&2 || exit 97
+cp -r "$COPY" "$AGAIN"
+exit $first
+"""
+
 
 @contextlib.contextmanager
 def adopted():
@@ -94,3 +105,18 @@ def wait(condition, what):
             return found
         time.sleep(0.02)
     raise TimeoutError(f"no {what} within {PATIENCE_S} s")
+
+
+def fill_disk(line, copy, size_kb, again, stays=False):
+    """Runs a command that writes `copy`, on a disk of so many kB that is mounted at its folder, and once more with room
+    on it; `again` is what is there then. Of the first run nothing may have the final name, unless it `stays`. Gives how
+    that ended: its status, and what both said."""
+    variables = {"SIZE": f"{size_kb}k", "DISK": copy.parent, "COPY": copy, "AGAIN": again, "STAYS": "1" if stays else ""}
+    environment = {**os.environ, **{name: str(value) for name, value in variables.items()}}
+    line = ["unshare", "-rm", "sh", "-c", FILLED, "sh", *map(str, line)]
+    done = subprocess.run(line, env=environment, capture_output=True, text=True)
+    if done.returncode in (98, 1) and "mount" in done.stderr + done.stdout or "unshare" in done.stderr:
+        pytest.skip("no disk can be mounted: needs unshare -rm")
+    assert done.returncode in (0, 1) and "Traceback" not in done.stderr, (size_kb, done)
+    assert done.returncode == 0 or "No space left on device" in done.stderr, (size_kb, done.stderr)
+    return done

@@ -65,6 +65,10 @@ pose = { x_mm = [-2.0, 2.0], y_mm = [-1.0, 1.0], anchor = "origin" }
 indentation.depth_mm = [0.3, 0.6]
 output = { layers = ["depth"], container = "CONTAINER" }
 """
+SENSORS = """
+[sensors]
+count = 2
+"""
 SEQUENCE = """
 [sequence]
 frame_rate_hz = 25.0
@@ -108,6 +112,7 @@ f 1 4 6
 REPORT = "out/report.html"
 GENERATE = "generate job.toml --out out --threads 1 --quiet"
 AUGMENT = "augment augment.toml --out out --overwrite --threads 1 --quiet"
+RENDER_LOG = "render --depth frames --depth-unit mm --plane-mm 10 --sensor gelsight-2014 --threads 1 --quiet --out out/tactile.mcap"
 RENDER = "render --depth frames --depth-unit mm --plane-mm 10 --sensor gelsight-2014 --out out --threads 1 --quiet"
 
 # A command, what it finds, and whether files of before and of after may stand side by side.
@@ -131,6 +136,12 @@ def sequences(folder):
     job(folder)
     text = (folder / "job.toml").read_text()
     (folder / "job.toml").write_text(text.replace("indentation.depth_mm = [0.3, 0.6]\n", "") + SEQUENCE)
+
+
+def set_of_sensors(folder):
+    job(folder)
+    text = (folder / "job.toml").read_text()
+    (folder / "job.toml").write_text(text.replace("samples = 4, samples_per_shard = 2", "samples = 2, samples_per_shard = 1") + SENSORS)
 
 
 def another(folder, container):
@@ -160,7 +171,7 @@ def real(folder, container="tar", enlarged_before=False):
     (folder / "augment.toml").write_text(RECIPE.replace("SEED", "7"))
 
 
-def frames(folder, rendered_before=False):
+def frames(folder, rendered_before=""):
     """Balls of 4 mm, half a millimetre and less in the pad, as npy arrays of singles."""
     (folder / "frames").mkdir()
     for stem, deep in [("a", 0.5), ("b", 0.3)]:
@@ -175,7 +186,7 @@ def frames(folder, rendered_before=False):
         start = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little")
         (folder / f"frames/{stem}.npy").write_bytes(start + header + values.tobytes())
     if rendered_before:
-        run(f"{RENDER} --fidelity paper --layers contact", folder)
+        run(f"{rendered_before} --fidelity paper --layers contact", folder)
 
 
 def dataset(folder):
@@ -189,10 +200,13 @@ CASES = [
     Case("generate damaged", GENERATE, lambda folder: damaged(folder, "folder"), True),
     Case("generate over", f"{GENERATE} --overwrite", lambda folder: another(folder, "tar"), False),
     Case("generate sequences", GENERATE, sequences, False),
+    Case("generate sensors", GENERATE, set_of_sensors, False),
     Case("augment", AUGMENT, real, False),
     Case("augment over", AUGMENT, lambda folder: real(folder, "folder", True), False),
     Case("render", RENDER, frames, True),
-    Case("render over", RENDER, lambda folder: frames(folder, True), True),
+    Case("render over", RENDER, lambda folder: frames(folder, RENDER), True),
+    Case("render log", RENDER_LOG, frames, False),
+    Case("render log over", RENDER_LOG, lambda folder: frames(folder, RENDER_LOG), False),
     Case("report", "report out", dataset, False),
 ]
 

@@ -5,6 +5,10 @@ import json
 import pickle
 import re
 import shutil
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -14,6 +18,7 @@ webdataset = pytest.importorskip("webdataset", reason="pip install webdataset")
 import numpy as np
 from gelsim.export import command
 from PIL import Image
+from processes import fill_disk, run
 
 pytestmark = pytest.mark.wheel
 
@@ -323,3 +328,72 @@ def test_what_a_layout_cannot_hold_is_told_before_anything_is_made(generated, tm
         assert command.main([str(source), "--to", layout, "--out", str(tmp_path / "copy")]) == 2
         assert said in capsys.readouterr().err
         assert not list(tmp_path.glob("copy*"))
+
+
+def content(folder):
+    """Every file by its path."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def line_of(layout, source, sitr, out):
+    """The command that makes a copy."""
+    return [sys.executable, "-m", "gelsim.export.command", sitr[0] if layout == "sitr" else source, "--to", layout, "--out", out] + (
+        ["--calibration", sitr[1]] if layout == "sitr" else []
+    )
+
+
+LAYOUTS = ["fota", "tacbench", "touchd", "ftp1", "sitr"]
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_copy_that_was_killed_goes_on_to_the_same_files(generated, sitr, layout, tmp_path):
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    run(*line_of(layout, generated(), sitr, whole))
+    partial = tmp_path / "killed.partial"
+    # At the first file, then after every part.
+    counts = [0, 1, 2, 5]
+    for parts in counts:
+        process = subprocess.Popen([*map(str, line_of(layout, generated(), sitr, killed))], stderr=subprocess.DEVNULL)
+        begun = lambda: any((partial / "tree").rglob("*")) and len(list(partial.glob("parts/0*.json"))) >= parts
+        while process.poll() is None and not begun():
+            time.sleep(0.0005)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL, "it was done before it could be killed"
+        assert not killed.exists() and partial.is_dir()
+    run(*line_of(layout, generated(), sitr, killed))
+    assert content(killed) == content(whole) and not partial.exists()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_copy_on_a_full_disk_says_so_and_goes_on_once_there_is_room(generated, sitr, layout, tmp_path):
+    whole, filled = tmp_path / "whole", 0
+    run(*line_of(layout, generated(), sitr, whole))
+    # Files take whole pages.
+    size = sum(len(data) // 4096 * 4096 + 4096 for data in content(whole).values())
+    for share in [0.05, 0.4, 0.8, 0.98]:
+        disk, again = tmp_path / f"disk-{share}", tmp_path / f"again-{share}"
+        disk.mkdir()
+        copy = disk / "copy"
+        filled += fill_disk(line_of(layout, generated(), sitr, copy), copy, int(size * share / 1024) + 4, again).returncode
+        assert content(again) == content(whole), share
+    assert filled > 2, "the disk is rarely full"
+
+
+def test_names_that_no_folder_can_have_are_told_before_anything_is_made(generated, project, tmp_path, capsys):
+    """A class is a folder of tacbench, a sensor one of touchd."""
+    job = tmp_path / "job.toml"
+    text = JOB.format(sensors='{ from = ["digit"] }', motion=SLIDE, objects=project / "objects").replace('sensors = { from = ["digit"] }\n', "")
+    for layout, change, said in [
+        ("tacbench", ('class = "sharp"', 'class = "../../sharp"'), "the class '../../sharp'"),
+        ("touchd", ("sensor.resolution_px", 'sensor.name = "digit/1"\nsensor.resolution_px'), "the sensor 'digit/1'"),
+        ("tacbench", ("sensor.resolution_px", 'sensor.preset = ["digit", "tactip"]\nsensor.resolution_px'), "not for tactip"),
+        ("touchd", ("sensor.resolution_px", 'sensor.preset = ["digit", "tactip"]\nsensor.resolution_px'), "not for tactip"),
+    ]:
+        job.write_text(text.replace(*change))
+        gelsim.generate(job, tmp_path / "out")
+        assert command.main([str(tmp_path / "out"), "--to", layout, "--out", str(tmp_path / "copy")]) == 2
+        assert said in capsys.readouterr().err
+        assert not list(tmp_path.glob("copy*"))
+        shutil.rmtree(tmp_path / "out")

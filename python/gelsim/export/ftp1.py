@@ -36,7 +36,7 @@ class Writer(trees.Tree):
     def write(self, home: trees.Home, samples: Iterator[Raw]) -> dict[str, Any]:
         """Writes a shard."""
         numpy = need("numpy")
-        root = self.tree / (home.folder or self.dataset.name) / f"{home.split}-{home.number:06}.zarr"
+        root = self.tree / (home.folder or trees.name_of_folder(self.dataset.name, "dataset")) / f"{home.split}-{home.number:06}.zarr"
         # One that was begun before the export was killed.
         shutil.rmtree(root, ignore_errors=True)
         for group in [root, root / "data", root / "meta"]:
@@ -85,7 +85,8 @@ source = partial(trees.source, name=Writer.SOURCE)
 
 
 def prepare(dataset: Dataset[Sample]) -> None:
-    """Any dataset has what it takes."""
+    """Raises for a name that no folder can have."""
+    trees.name_of_folder(dataset.name, "dataset")
 
 
 def array(root: Path, name: str) -> Written:

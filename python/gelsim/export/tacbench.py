@@ -8,9 +8,10 @@ from functools import partial
 from typing import Any
 
 from gelsim import vectors
-from gelsim.dataset import Pad, Raw
+from gelsim.dataset import Dataset, Pad, Raw, SensorSet
 from gelsim.export import trees
 from gelsim.needed import need
+from gelsim.sample import Sample
 
 LIBRARIES = ["numpy", "PIL.Image"]
 HAS_FLOATS = False
@@ -39,7 +40,14 @@ class Writer(trees.Tree):
 
 
 source = partial(trees.source, name=Writer.SOURCE)
-prepare = partial(trees.check_forces, layout="tacbench")
+
+
+def prepare(dataset: Dataset[Sample]) -> None:
+    """Raises if something is wanting."""
+    trees.check_forces(dataset, "tacbench")
+    for each in dataset.sensors.values() if isinstance(dataset, SensorSet) else [dataset]:
+        for of_class in each.classes:
+            trees.name_of_folder(of_class, "class")
 
 
 class Batch:

@@ -8,8 +8,9 @@ from functools import partial
 from typing import Any
 
 from gelsim import vectors
-from gelsim.dataset import Raw
+from gelsim.dataset import Dataset, Pad, Raw, SensorSet
 from gelsim.export import trees
+from gelsim.sample import Sample
 
 LIBRARIES = ["numpy", "PIL.Image"]
 HAS_FLOATS = False
@@ -25,8 +26,7 @@ class Writer(trees.Tree):
         for raw in samples:
             name = f"obj{raw.label['object']['class_index'] + 1}_speed1_{raw.files.key}"
             for pad in raw.pads:
-                sensor = home.folder or pad.label["sensor"]["name"]
-                sensor += f"-{pad.finger}" if pad.finger else ""
+                sensor = name_of(pad, home.folder)
                 folder = self.tree / name / sensor
                 trees.put(folder / "image_1.png", trees.untouched(raw, pad))
                 rows = []
@@ -46,4 +46,16 @@ class Writer(trees.Tree):
 
 
 source = partial(trees.source, name=Writer.SOURCE)
-prepare = partial(trees.check_forces, layout="touchd")
+
+
+def prepare(dataset: Dataset[Sample]) -> None:
+    """Raises if something is wanting."""
+    trees.check_forces(dataset, "touchd")
+    for pad in [] if isinstance(dataset, SensorSet) else dataset.raw(0).pads:
+        name_of(pad)
+
+
+def name_of(pad: Pad, folder: str = "") -> str:
+    """The name of a sensor's folder; `folder` is that of a sensor in a set."""
+    name = folder or pad.label["sensor"]["name"]
+    return trees.name_of_folder(f"{name}-{pad.finger}" if pad.finger else name, "sensor")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import tarfile
 from collections.abc import Callable, Iterable, Iterator
@@ -34,8 +35,15 @@ def homes(dataset: Dataset[Sample]) -> list[Home]:
     for shard in dataset.shards:
         folder = shard.path.relative_to(dataset.path).parts[0] if isinstance(dataset, SensorSet) else ""
         before = sum(home.folder == folder and home.split == shard.split for home in found)
-        found.append(Home(folder, shard.split, before))
+        found.append(Home(name_of_folder(folder, "sensor") if folder else "", name_of_folder(shard.split, "split"), before))
     return found
+
+
+def name_of_folder(name: str, of: str) -> str:
+    """What a folder of the copy is called after. Raises if no folder inside of it can be called so."""
+    if name in {"", ".", ".."} or any(character in name for character in "/\\\0") or len(name.encode(errors="replace")) > 255:
+        raise UsageError(f"no folder can be called after the {of} {name[:60]!r}: generate with another name")
+    return name
 
 
 class Tree:
@@ -111,6 +119,18 @@ def check_forces(dataset: Dataset[Sample], layout: str) -> None:
         for pad in raw.pads:
             family(pad.label["sensor"]["name"], layout)
             untouched(raw, pad)
+        for name in presets_drawn(each):
+            family(name, layout)
+
+
+def presets_drawn(dataset: Dataset[Sample]) -> list[str]:
+    """The presets of which each sample has one, by the job; none of a dataset of one sensor."""
+    try:
+        job = (dataset.path / "job.toml").read_text("utf-8")
+    except (OSError, ValueError):
+        return []
+    listed = re.search(r"^preset = \[(.*?)\]", job, re.MULTILINE | re.DOTALL)
+    return re.findall('"([^"]*)"', listed[1]) if listed else []
 
 
 def untouched(raw: Raw, pad: Pad) -> bytes:

@@ -76,6 +76,14 @@ impl Default for MarkerDistribution {
 }
 
 impl MarkerDistribution {
+    /// Leaves out the grid where a file says where the dots are, as the job of a dataset has it.
+    pub fn leave_out_grid(&mut self) {
+        if self.file.is_some() {
+            (self.pitch_mm, self.pitch_y_mm, self.rows, self.columns) = (None, None, None, None);
+            self.missing.clear();
+        }
+    }
+
     /// Iterates over the numbers that are drawn for each sample.
     pub fn quantities(&self) -> impl Iterator<Item = &Quantity> {
         self.pitch_mm.iter().chain(&self.pitch_y_mm).chain([&self.diameter_mm, &self.jitter_mm])

@@ -2,6 +2,7 @@
 
 use crate::config::Job;
 use gelsim_files::hash::sha256;
+use gelsim_files::sensor::markers::MarkerDistribution;
 
 use super::{file_stem, files};
 
@@ -11,6 +12,9 @@ use super::{file_stem, files};
 pub fn compute_fingerprint(job: &Job) -> String {
     let mut job = job.clone();
     job.dataset.samples = None;
+    // A dataset's job that was read and not planned has the usual pitch beside a file of dots.
+    let right = job.gripper.iter_mut().filter_map(|gripper| gripper.right.as_mut()?.markers.as_mut());
+    job.markers.iter_mut().chain(right).for_each(MarkerDistribution::leave_out_grid);
     let meshes = job.object.iter().map(|object| object.path.as_deref().map(file_stem)).collect::<Vec<_>>();
     let names = |paths: &mut dyn Iterator<Item = &String>| paths.map(|path| files::file_name(path)).collect::<Vec<_>>();
     let background = names(&mut job.sensor.background.iter()).pop();

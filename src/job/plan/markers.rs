@@ -37,8 +37,7 @@ pub fn read_marker_file(check: &mut JobChecker<'_>, at: &str, markers: &mut Mark
         check.report_error(&key(name), message, format!("leave out `{name}`, or `file`"));
     }
     let is_below = |name: &str| rank(name).is_none_or(|rank| rank > of_file);
-    (markers.pitch_mm, markers.pitch_y_mm, markers.rows, markers.columns) = (None, None, None, None);
-    markers.missing.clear();
+    markers.leave_out_grid();
     if is_below("offset_mm") {
         markers.offset_mm = [0.0; 2];
     }

@@ -26,7 +26,9 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
     let mut notes = Vec::new();
     let mut note = |key: &str, unless: bool, why: &str, help: &str| {
         if let Some(place) = given(key).filter(|_| !unless) {
-            notes.push(Diagnostic::note(format!("`{key}` has no effect: {why}")).help(help).at(place));
+            // It has two places, of which the user wrote one.
+            let called = if key == "sensor.gelpad_relaxation" { "relaxation" } else { key };
+            notes.push(Diagnostic::note(format!("`{called}` has no effect: {why}")).help(help).at(place));
         }
     };
     let models = chosen_models(job);
@@ -73,7 +75,21 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
     let has_leds = models.optics.phong().is_some();
     let light = format!("the light is `{}`, which LEDs are no part of", models.optics.name());
     note("sensor.led", has_leds, &light, "leave it out, or choose optics = \"phong\"");
-    let is_rendered = job.sensor.background.is_none() && !matches!(models.optics, optics::Model::Lamps(_));
+    for key in ["sensor.darkening", "sensor.stray_light"] {
+        note(key, has_leds, &light, "leave it out, or choose optics = \"phong\"");
+    }
+    let is_lamps = matches!(models.optics, optics::Model::Lamps(_));
+    note("sensor.grain", !is_lamps, "the light is `lamps`, which shows no grain", "leave it out");
+    let is_near = matches!(models.optics, optics::Model::Led(_));
+    let light = format!("the light is `{}`, and it belongs to that of near LEDs", models.optics.name());
+    let of_leds = (0..job.sensor.led.len())
+        .flat_map(|i| ["size_mm", "lobe"].map(|key| format!("sensor.led.{i}.{key}")))
+        // Of a gel that has a shape, LEDs are points.
+        .filter(|_| job.sensor.shape.is_none() && has_leds);
+    for key in [String::from("sensor.window"), String::from("sensor.coat")].into_iter().chain(of_leds) {
+        note(&key, is_near, &light, "leave it out, or choose optics = \"led\"");
+    }
+    let is_rendered = job.sensor.background.is_none() && !is_lamps;
     note(
         "sensor.rendered_background",
         is_rendered,
