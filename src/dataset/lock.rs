@@ -105,7 +105,7 @@ fn open_lock(path: &Path) -> io::Result<File> {
 }
 
 fn read_host_name() -> String {
-    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let name = name.trim();
-    if name.is_empty() { String::from("this host") } else { name.to_owned() }
+    let system = rustix::system::uname();
+    let name = system.nodename().to_string_lossy();
+    if name.is_empty() { String::from("this host") } else { name.into_owned() }
 }

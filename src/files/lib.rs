@@ -1,5 +1,11 @@
 //! File formats and access to the disk.
 
+#[cfg(all(feature = "formats", not(unix)))]
+compile_error!(
+    "gelsim reads and writes files on Unix alone: on Windows use the Windows Subsystem for Linux, or the library without \
+     features (default-features = false)"
+);
+
 #[cfg_attr(not(feature = "formats"), allow(dead_code, unused_imports, reason = "PNG alone takes a part of it"))]
 mod deflate;
 pub mod length;

@@ -382,7 +382,7 @@ fn the_stats_of_a_shard_count_samples_seconds_and_effects() {
 fn files_about_the_whole_name_no_time_host_or_absolute_path() {
     let folder = Folder::with_job(JOB);
     folder.succeed("generate job.toml --quiet");
-    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
     for name in ["README.md", "dataset.json", "wids.json", "job.toml"] {
         let text = folder.read(&format!("out/small/{name}"));
         let temporary = folder.path("").to_string_lossy().trim_end_matches('/').to_owned();

@@ -24,7 +24,7 @@ import tomllib
 import pytest
 
 PROJECT = pathlib.Path(__file__).resolve().parents[2]
-PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").rglob("*.md"))]
+PAGES = [*sorted(PROJECT.glob("*.md")), *sorted((PROJECT / "docs").rglob("*.md"))]
 NAMES = [str(page.relative_to(PROJECT)) for page in PAGES]
 CARGO = {
     "test": tomllib.loads((PROJECT / "Cargo.toml").read_text())["test"],
@@ -139,6 +139,9 @@ ELSEWHERE = {
     "gelsim init --objects ycb job.toml": ("the meshes of YCB; there stand-ins", "tests/cli/object_sets.rs"),
     "python tests/bench/figures.py target/release/gelsim": ("minutes", ".ci/run"),
     "bash python/wheels.sh": ("minutes", ".ci/run"),
+    "python3 python/notices.py x86_64-unknown-linux-gnu": ("the sources of all crates; there it is run", "python/wheels.sh"),
+    "cargo fmt --all": ("changes the source; there it checks", ".ci/run"),
+    "cargo clippy --release --workspace --all-targets --locked -- -D warnings": ("minutes", ".ci/run"),
     "cargo publish --dry-run --locked --workspace": ("minutes", ".ci/run"),
     "cargo run --release --example press": ("there from another folder", "tests/python/test_library.py"),
     "pip install dist/gelsim-*.whl": ("the wheel; there from another folder", ".ci/run"),
