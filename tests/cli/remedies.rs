@@ -366,10 +366,18 @@ fn keys_that_change_nothing_are_said_and_have_an_effect_when_the_advice_is_follo
             String::new(),
         ),
     ] {
-        folder.write("job.toml", format!("{}\n{more}", one_object("cube.obj", "")));
+        let job_with = |more: &str| match more.strip_prefix("[sensor]\n") {
+            Some(keys) => {
+                // As its view is.
+                let size = ("resolution_px = [48, 36]", "resolution_px = [48, 40]");
+                edited(&one_object("cube.obj", ""), &[("[sensor]\n", &format!("[sensor]\n{keys}")), size])
+            }
+            None => format!("{}\n{more}", one_object("cube.obj", "")),
+        };
+        folder.write("job.toml", job_with(&more));
         let before = messages_of(&folder, "plan job.toml", 0);
         assert!(before.contains("note: ") && notes.iter().all(|note| before.contains(note)), "{more}: {before}");
-        folder.write("job.toml", format!("{}\n{mended}", one_object("cube.obj", "")));
+        folder.write("job.toml", job_with(&mended));
         assert_eq!(messages_of(&folder, "plan job.toml --strict", 0), "", "{mended}");
     }
 }
