@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from typing import Any, Literal, Optional
 
 from gelsim.checks import Checks, honest, items, kind
@@ -221,13 +221,17 @@ class Led:
         return cls(**values)
 
 
+DEFAULTS_OF_LED: dict[str, Any] = {field.name: field.default for field in fields(Led) if field.default is not MISSING}
+
+
 def led_tables(leds: Sequence[Led]) -> list[dict[str, Any]]:
     """LEDs as tables of a sensor file."""
     tables = []
     for led in items("leds", leds, "a list of gelsim.Led"):
         if not isinstance(led, Led):
             raise TypeError(f"an item of leds is {kind(led)}; give gelsim.Led(azimuth_deg=45.0)")
-        tables.append({name: value for name, value in asdict(led).items() if value is not None})
+        # What is left at its default is no wish, of which a note might say that it has no effect.
+        tables.append({name: value for name, value in asdict(led).items() if value != DEFAULTS_OF_LED.get(name)})
     return tables
 
 

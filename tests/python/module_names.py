@@ -29,7 +29,7 @@ def deepest_mm(sample: gelsim.Sample) -> float:
 
 def sensors() -> gelsim.Sensor:
     """Sensors, and one with an LED more."""
-    sensor: gelsim.Sensor = gelsim.Sensor.preset("digit", set={"camera.exposure": 1.1}, threads=1)
+    sensor: gelsim.Sensor = gelsim.Sensor.preset("digit", set={"camera.exposure": 1.1, "optics": "led"}, threads=1)
     more = gelsim.Led(
         azimuth_deg=45.0,
         color=(1.0, 0.6, 0.0),
