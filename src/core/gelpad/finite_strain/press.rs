@@ -62,6 +62,10 @@ const SMALLEST_STEP: f64 = 0.06;
 /// that load step leaves them.
 const INTERMEDIATE_MM: [f64; 2] = [0.02, 0.003];
 
+/// Change of the surface that is accepted where steps get no smaller, tolerances: beside walls, nodes at the contact's edge
+/// may come and go for ever, and an object with rounder edges would be solved for in its place, tens of micrometres away.
+const STALLED_SHARE: f64 = 4.0;
+
 /// An object at one depth.
 struct LoadStep<'a> {
     object: &'a HeightMap,
@@ -150,7 +154,7 @@ impl RubberSolver {
                 self.set_anchors(anchors, object, [&reached, before.as_ref().unwrap_or(&reached)], (depth_mm, deepest));
             }
             let load = LoadStep { object, lifted_mm, tolerance_mm, anchors: anchors.as_ref() };
-            let solved = self.solve_step(&load, options, &mut next, &mut press, &mut acceleration);
+            let solved = self.solve_step(&load, options, (&reached, &mut next), &mut press, &mut acceleration);
             if solved {
                 before = Some(std::mem::replace(&mut reached, next));
             } else {
@@ -198,12 +202,12 @@ impl RubberSolver {
         }
     }
 
-    /// Iterates at one depth; returns whether it converged.
+    /// Iterates at one depth, from a guess made of the last one reached; returns whether it converged.
     fn solve_step(
         &mut self,
         load: &LoadStep<'_>,
         options: &PressOptions,
-        level: &mut Level,
+        (reached, level): (&Level, &mut Level),
         press: &mut RubberPress,
         acceleration: &mut Anderson,
     ) -> bool {
@@ -212,11 +216,17 @@ impl RubberSolver {
         let [mut free, mut box_surface] = [0, 1].map(|_| self.contact.zeros());
         let width = self.contact_size()[0];
         let (mut best, mut waited, mut last) = (f64::INFINITY, 0, level.depth_mm);
+        // A step that goes too far is halved, once: most that fail do so at their first steps, and converge from there.
+        let (mut trusted, mut is_halved) = (reached.state.clone(), false);
         while press.iterations < options.max_iterations {
             press.iterations += 1;
             let smallest = self.layer.grid.remainder(&level.state, &mut remainder);
             if smallest <= 0.0 {
-                return false;
+                if std::mem::replace(&mut is_halved, true) {
+                    return false;
+                }
+                go_half_way_back(&mut level.state, &trusted);
+                continue;
             }
             if load.anchors.is_none() {
                 let surface = self.layer.surface_of(&level.state);
@@ -250,10 +260,19 @@ impl RubberSolver {
                 .fold(0.0, f32::max);
             last = f64::from(change);
             press.residual_mm = last;
-            if !last.is_finite() || last > self.pad.thickness_mm {
+            if !last.is_finite() {
                 return false;
             }
-            if last <= load.tolerance_mm {
+            if last > self.pad.thickness_mm {
+                if std::mem::replace(&mut is_halved, true) {
+                    return false;
+                }
+                go_half_way_back(&mut level.state, &trusted);
+                continue;
+            }
+            is_halved = false;
+            let stalled = if waited == options.patience { STALLED_SHARE * options.tolerance_mm } else { 0.0 };
+            if last <= load.tolerance_mm.max(stalled) {
                 std::mem::swap(&mut level.state, &mut image);
                 self.smooth_surface(load, level, &free);
                 return true;
@@ -266,17 +285,16 @@ impl RubberSolver {
                     return false;
                 }
             }
-            let next = acceleration.next(&level.state, image.clone());
+            let mut next = acceleration.next(&level.state, image.clone());
             // A step that would move anything by a third of the pad is cut.
             let moved = next.displacement.iter().zip(&level.state.displacement);
             let moved = moved.map(|(now, then)| largest_difference(now, then)).fold(0.0, f32::max);
             let most = self.pad.thickness_mm as f32 / 3.0;
             if moved > most {
                 let change = subtract(&next, &level.state);
-                add_scaled(&mut level.state, &change, most / moved);
-            } else {
-                level.state = next;
+                add_scaled(&mut next, &change, most / moved - 1.0);
             }
+            trusted = std::mem::replace(&mut level.state, next);
         }
         false
     }
@@ -304,6 +322,12 @@ impl RubberSolver {
             }
         }
     }
+}
+
+/// Takes a state half-way back to an earlier one.
+fn go_half_way_back(state: &mut State, earlier: &State) {
+    let back = subtract(earlier, state);
+    add_scaled(state, &back, 0.5);
 }
 
 /// Returns the largest difference between numbers; infinite if one is NaN.
