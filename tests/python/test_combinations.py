@@ -223,7 +223,7 @@ def has_leds(row):
 # What is refused: when, what the message says, and as the page tells it, what does not go with what.
 REFUSALS = [
     (lambda row: row["optics"] == "lamps" and (row["sensor"] != "gelsight-series2" or row["fingers"] == "two sensors"), "has no lamps", OPTICS_LAMPS, NO_LAMPS),
-    (lambda row: row["layers"] == "lamps" and row["sensor"] != "gelsight-series2", "no lamps that were measured", "layer `lamps`", NO_LAMPS),
+    (lambda row: row["layers"] == "lamps" and (row["sensor"] != "gelsight-series2" or row["fingers"] == "two sensors"), "no lamps that were measured", "layer `lamps`", NO_LAMPS),
     (lambda row: row["optics"] in {"phong", "led"} and not has_leds(row), "has lamps and no LED", '`optics = "phong"`, `"led"`', "a sensor that has lamps and no LED"),
     (lambda row: row["optics"] == "calibrated" and (row["sensor"] != "calibrated" or row["fingers"] == "two sensors"), "this sensor has no calibration table", '`optics = "calibrated"`', "a sensor that was not calibrated"),
     (lambda row: row["layers"] == "markers" and (row["extras"] not in PRINTS or row["fingers"] == "two sensors"), "no printed markers", "layer `markers`", "a sensor without `[markers]`"),
@@ -444,6 +444,8 @@ def unfit(row):
         command == "augment in pairs" and (row["objects"] == "several" or row["object"] not in {"a mesh", "assigned"}),
         # What takes seconds is drawn a hundred times there.
         row["dataset"] == "in turn" and strains(row) and (row["fidelity"] != "standard" or row["depth"] == "by force"),
+        # On a quarter of 32x24 pixels of a round gel, a contact of one node more or less jumps over the force.
+        row["sensor"] == "geltip" and row["fidelity"] == "draft" and row["depth"] == "by force",
         # Rendering it anew and again takes a minute.
         command == "tradeoff" and (row["sensor"] == "a mesh" or row["sensors"] != "one"),
     ))
@@ -625,8 +627,12 @@ def assert_refused(folder, row):
 def random_row(chance, holds, fixed=()):
     """A row that a refusal holds for, with the values `fixed`, of which as little else is refused as can be."""
     cost = lambda row: 100 * (not holds(row)) + len(refusals(row)) + unwritable(row)
-    tries = [{name: chance.choice(list(values)) for name, values in AXES.items()} | dict(fixed) for _ in range(6)]
-    row = min((improved(row, dict(fixed), cost, chance) for row in tries), key=cost)
+    anything = lambda: {name: chance.choice(list(values)) for name, values in AXES.items()} | dict(fixed)
+    # What few rows have needs more tries than six.
+    row, tries = None, 0
+    while tries < 6 or (not holds(row) or unwritable(row)) and tries < 200:
+        tries += 1
+        row = min(filter(None, [row, improved(anything(), dict(fixed), cost, chance)]), key=cost)
     assert holds(row) and not unwritable(row), row
     return row
 

@@ -247,7 +247,8 @@ fn check(case: &Case, strain: f64, model: &Model, tolerance_um: f64) -> Result<&
     }
     if corrected {
         // An iteration that stalls near the tolerance is accepted.
-        let solved = (0.0..=4.0 * tolerance_um).contains(&numerics.strain_residual_um) && numerics.strain_iterations > 0;
+        let solved =
+            (0.0..=4.0 * tolerance_um).contains(&numerics.strain_residual_um) && numerics.strain_iterations > 0;
         if !solved || !(0.0..=thickness_mm / 3.0 + 1e-9).contains(&numerics.opened_mm) {
             return fails(String::from("numbers that cannot be"));
         }
