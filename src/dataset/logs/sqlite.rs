@@ -237,6 +237,7 @@ fn columns(row: &[u8]) -> Result<Vec<Column>, String> {
             1..=4 => code,
             5 => 6,
             6 | 7 => 8,
+            10 | 11 => return Err(String::from("a column is of a kind that SQLite keeps for later")),
             _ => (code - 12) / 2,
         };
         found.push(Column { code, at: from, length });
@@ -286,4 +287,17 @@ pub fn read_message(file: &Store, page: u32, cell: u16) -> Result<Vec<u8>, Strin
     let end = data.at.saturating_add(usize::try_from(data.length).unwrap_or(usize::MAX));
     bytes.truncate(end);
     if bytes.len() < end || data.at > end { Err(CUT.to_owned()) } else { Ok(bytes.split_off(data.at)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_of_columns_that_sqlite_keeps_for_later_are_refused() {
+        for code in [10, 11] {
+            assert!(columns(&[2, code]).is_err_and(|problem| problem.contains("for later")), "{code}");
+        }
+        assert!(columns(&[2, 12]).is_ok_and(|columns| columns.len() == 1 && columns[0].length == 0));
+    }
 }
