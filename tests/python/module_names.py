@@ -44,6 +44,8 @@ def sensors() -> gelsim.Sensor:
         pattern=gelsim.LightPattern(red=(1.0, 0.2, -0.1), green=(0.9,), blue=(1.0, 0.0, 0.1, 0.0, 0.0, -0.2)),
     )
     lit = sensor.with_leds([*sensor.leds, more])
+    # Defaults are left out of what is sent: the sensor's are the same.
+    assert sensor.with_leds([gelsim.Led(45.0)]).leds[0] == gelsim.Led(45.0)
     assert [led.name for led in lit.leds] == ["red", "green", "blue", "amber"] and lit.leds[3] == more
     width, height = lit.resolution_px
     across, down = lit.field_of_view_mm

@@ -62,8 +62,9 @@ const SMALLEST_STEP: f64 = 0.06;
 /// that load step leaves them.
 const INTERMEDIATE_MM: [f64; 2] = [0.02, 0.003];
 
-/// Change of the surface that is accepted where steps get no smaller, tolerances: beside walls, nodes at the contact's edge
-/// may come and go for ever, and an object with rounder edges would be solved for in its place, tens of micrometres away.
+/// Change of the surface that is accepted where steps get no smaller, tolerances: beside walls, nodes at the contact's
+/// edge may come and go for ever, and an object with rounder edges would be solved for in its place, tens of micrometres
+/// away.
 const STALLED_SHARE: f64 = 4.0;
 
 /// An object at one depth.
@@ -217,14 +218,12 @@ impl RubberSolver {
         let width = self.contact_size()[0];
         let (mut best, mut waited, mut last) = (f64::INFINITY, 0, level.depth_mm);
         // A step that goes too far is halved, once: most that fail do so at their first steps, and converge from there.
-        let (mut trusted, mut is_halved) = (reached.state.clone(), false);
+        let mut trusted = Some(reached.state.clone());
         while press.iterations < options.max_iterations {
             press.iterations += 1;
             let smallest = self.layer.grid.remainder(&level.state, &mut remainder);
             if smallest <= 0.0 {
-                if std::mem::replace(&mut is_halved, true) {
-                    return false;
-                }
+                let Some(trusted) = trusted.take() else { return false };
                 go_half_way_back(&mut level.state, &trusted);
                 continue;
             }
@@ -264,13 +263,10 @@ impl RubberSolver {
                 return false;
             }
             if last > self.pad.thickness_mm {
-                if std::mem::replace(&mut is_halved, true) {
-                    return false;
-                }
+                let Some(trusted) = trusted.take() else { return false };
                 go_half_way_back(&mut level.state, &trusted);
                 continue;
             }
-            is_halved = false;
             let stalled = if waited == options.patience { STALLED_SHARE * options.tolerance_mm } else { 0.0 };
             if last <= load.tolerance_mm.max(stalled) {
                 std::mem::swap(&mut level.state, &mut image);
@@ -294,7 +290,7 @@ impl RubberSolver {
                 let change = subtract(&next, &level.state);
                 add_scaled(&mut next, &change, most / moved - 1.0);
             }
-            trusted = std::mem::replace(&mut level.state, next);
+            trusted = Some(std::mem::replace(&mut level.state, next));
         }
         false
     }
