@@ -1,5 +1,6 @@
 //! Runs a kernel with the widest vectors that the processor has; all widths give the same bits.
 
+#[cfg(target_arch = "x86_64")]
 use std::any::Any;
 use std::cell::Cell;
 
@@ -111,6 +112,8 @@ pub fn transpose_8x8<S: Simd>(simd: S, rows: &[[f32; 8]; 8]) -> [[f32; 8]; 8] {
     if let Some(wide) = (&simd as &dyn Any).downcast_ref() {
         return transpose_8x8_avx(*wide, rows);
     }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = simd;
     let mut columns = [[0.0; 8]; 8];
     for (k, row) in rows.iter().enumerate() {
         for (column, value) in columns.iter_mut().zip(row) {

@@ -126,6 +126,10 @@ const COARSER_FROM_PX: usize = 64 * 64;
 /// Largest tolerance as a share of the depth; it matters for presses of tens of micrometres and less.
 const MAX_TOLERANCE_SHARE: f32 = 0.02;
 
+/// Tolerance of a solution that serves as a guess, in tolerances of its grid. On the finer grid the walls' pixels are far
+/// off anyway.
+const GUESS_TOLERANCES: f32 = 3.0;
+
 /// Height of bulges that a capture allows for, as a share of the indentation depth; rings come to 0.36.
 const BULGE_SHARE: f64 = 0.4;
 
@@ -412,7 +416,23 @@ impl ElasticPad {
         seen: Rect,
         like: Option<&ContactSolution>,
     ) -> ContactSolution {
-        let tolerance = (self.elastic.tolerance_um * 1e-3) as f32;
+        self.solve_to(self.tolerance_mm(), penetration, cut, seen, like)
+    }
+
+    /// Returns the largest violation of the contact's conditions that is accepted, mm.
+    fn tolerance_mm(&self) -> f32 {
+        (self.elastic.tolerance_um * 1e-3) as f32
+    }
+
+    /// Solves for the contact like [`Self::solve_contact`], to a tolerance in mm.
+    fn solve_to(
+        &self,
+        tolerance: f32,
+        penetration: &Grid<f32>,
+        cut: &mut [PartialPixel],
+        seen: Rect,
+        like: Option<&ContactSolution>,
+    ) -> ContactSolution {
         let whole = Rect::whole(penetration.width, penetration.height);
         let mut touching = bounding_box(penetration, |g| g > 0.0);
         let mut solution = ContactSolution {
@@ -509,7 +529,8 @@ impl ElasticPad {
     fn guess_pressure(&self, fine: &Grid<f32>, part: Rect) -> Grid<f32> {
         let lattice = Lattice::new(Resolution::Half, [fine.width, fine.height]);
         let penetration = lattice.downsample(fine, self.mm_per_px);
-        let solution = self.solve_contact(&penetration, &mut [], Rect::default(), None);
+        let solution =
+            self.solve_to(GUESS_TOLERANCES * self.tolerance_mm(), &penetration, &mut [], Rect::default(), None);
         let mut pressure = Grid::new(part.width(), part.height());
         if !solution.contact_box.is_empty() {
             let enlarge = |values, shape, out| lattice.upsample(values, solution.contact_box, part, shape, out);

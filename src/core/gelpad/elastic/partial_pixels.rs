@@ -204,7 +204,9 @@ impl DownsampledObject {
             let columns = cells.around(*first, 0).start..cells.around(*last, 0).end;
             marks.mark(cells.fine, lattice.fine_within(y, 1).0, columns, cells.step_mm);
             for &x in steep.iter().filter(|x| marks.any(lattice.fine_within(**x, 0).0)) {
-                if let Some((pixel, penetration)) = cells.partial_pixel([x, y], downsampled.penetration.at(x, y)) {
+                if let Some((pixel, penetration)) =
+                    cells.partial_pixel([x, y], &marks, downsampled.penetration.at(x, y))
+                {
                     downsampled.partial_pixels.push(pixel);
                     downsampled.penetration.row_mut(y)[x] = penetration;
                 }
@@ -386,15 +388,15 @@ impl PixelBlocks<'_> {
     }
 
     /// Finds the wall in a pixel, and the wall beside it whose higher side is not the pixel's. Their weight is 0 where there
-    /// is none.
-    fn find_walls(&self, block: &[Range<usize>; 2]) -> [WallDrop; 2] {
+    /// is none. Pairs of pixels without a mark have none.
+    fn find_walls(&self, block: &[Range<usize>; 2], marks: &WallMarks) -> [WallDrop; 2] {
         let mut inside = WallDrop { most: f32::NEG_INFINITY, least: f32::INFINITY, share: 0.0, weight: 0.0 };
         let mut beside = WallDrop { most: f32::NEG_INFINITY, least: 0.0, share: 0.0, weight: 0.0 };
         for y in block[1].clone() {
             for x in block[0].clone() {
                 let g = self.penetration_at([x, y]);
                 (inside.most, inside.least) = (inside.most.max(g), inside.least.min(g));
-                for (next, pair, k) in self.neighbours([x, y]) {
+                for (next, pair, k) in self.neighbours([x, y]).filter(|(_, pair, k)| marks.is_marked(pair[0], *k)) {
                     let higher = self.penetration_at(next);
                     if !block[k].contains(&next[k]) {
                         if higher > g {
@@ -419,10 +421,10 @@ impl PixelBlocks<'_> {
 
     /// Returns how walls in a pixel or beside it cut the pixel, and the penetration of the covered part; `None` if no wall
     /// does. `plain_mm` is the penetration without walls.
-    fn partial_pixel(&self, at: [usize; 2], plain_mm: f32) -> Option<(PartialPixel, f32)> {
+    fn partial_pixel(&self, at: [usize; 2], marks: &WallMarks, plain_mm: f32) -> Option<(PartialPixel, f32)> {
         let [(columns, halves_x), (rows, halves_y)] = [0, 1].map(|k| self.lattice.fine_within(at[k], k));
         let block = [columns, rows];
-        let walls = self.find_walls(&block);
+        let walls = self.find_walls(&block, marks);
         if walls.iter().all(|wall| wall.weight == 0.0) {
             return None;
         }

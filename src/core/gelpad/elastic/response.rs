@@ -46,6 +46,9 @@ const MAX_NEAR_SHARE: f64 = 0.6;
 /// Number of nodes around a pixel along an axis: a cubic spline is four nodes wide.
 const TAPS: usize = 4;
 
+/// Pixels beside each other whose sums are kept in registers while they are spread.
+const SPREAD_PX: usize = 32;
+
 /// The response on a grid, shared by all presses.
 pub struct PressureResponse {
     layer: ElasticLayer,
@@ -339,6 +342,23 @@ impl Operator<'_> {
         }
     }
 
+    /// Adds the displacement under the pressure of one pixel; source and target must be the same box.
+    pub fn add_pixel_response(&self, [x, y]: [usize; 2], pressure: f32, displacement: &mut Grid<f32>) {
+        let kernel = &self.response.full_kernel;
+        let reached = (y + 1).saturating_sub(kernel.height)..(y + kernel.height).min(displacement.height);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for row in reached {
+                    let lags = kernel.row(row.abs_diff(y));
+                    let (before, behind) = displacement.row_mut(row).split_at_mut(x);
+                    before.iter_mut().rev().zip(&lags[1..]).for_each(|(w, lag)| *w += pressure * lag);
+                    behind.iter_mut().zip(lags).for_each(|(w, lag)| *w += pressure * lag);
+                }
+            },
+        );
+    }
+
     /// Computes approximately the pressure under a displacement; source and target must be the same box.
     pub fn apply_inverse(&self, displacement: &Grid<f32>, memory: &mut OperatorBuffers, pressure: &mut Grid<f32>) {
         self.near.convolve(&memory.inverse, displacement, pressure, &mut memory.buffers);
@@ -380,31 +400,47 @@ impl<'a> FarOperator<'a> {
         let shares: [[f32; TAPS]; STEP] = std::array::from_fn(|past| self.fields.shares[past]);
         let [left, top] = self.first_offset;
         let [width, height] = self.node_counts;
-        // First along y, into rows that are divided into steps; then along x.
+        // First along y, into rows that are divided into steps; then along x. Sums are complete before they are stored.
         rows.reset((width + 1 - TAPS) * STEP, height);
         nodes.reset(width, height);
         simd_dispatch(
             #[inline(always)]
             || {
-                for y in 0..pressure.height {
-                    let from = pressure.row(y);
-                    let at = top + y;
-                    for (tap, share) in shares[at % STEP].iter().enumerate() {
-                        let to = &mut rows.row_mut(at / STEP + tap)[left..left + pressure.width];
-                        to.iter_mut().zip(from).for_each(|(sum, p)| *sum += share * p);
+                for node in 0..height {
+                    let first = (node + 1).saturating_sub(TAPS) * STEP;
+                    let reached = first.max(top)..((node + 1) * STEP).min(top + pressure.height);
+                    let to = &mut rows.data[node * rows.width..][left..left + pressure.width];
+                    let (to, to_rest) = to.as_chunks_mut::<SPREAD_PX>();
+                    let whole_px = to.len() * SPREAD_PX;
+                    for (part, to) in to.iter_mut().enumerate() {
+                        let mut sums = [0.0; SPREAD_PX];
+                        for at in reached.clone() {
+                            let share = shares[at % STEP][node - at / STEP];
+                            let from = &pressure.data[(at - top) * pressure.width + part * SPREAD_PX..][..SPREAD_PX];
+                            sums.iter_mut().zip(from).for_each(|(sum, p)| *sum += share * p);
+                        }
+                        *to = sums;
+                    }
+                    for at in reached {
+                        let share = shares[at % STEP][node - at / STEP];
+                        let from = &pressure.row(at - top)[whole_px..];
+                        to_rest.iter_mut().zip(from).for_each(|(sum, p)| *sum += share * p);
                     }
                 }
                 for y in 0..height {
                     let to = &mut nodes.data[y * width..][..width];
-                    for (first, px) in
-                        rows.data[y * rows.width..][..rows.width].as_chunks::<STEP>().0.iter().enumerate()
-                    {
+                    let groups = rows.data[y * rows.width..][..rows.width].as_chunks::<STEP>().0;
+                    // What the pixels so far contribute to the next nodes.
+                    let mut so_far = [0.0; TAPS];
+                    for (node, px) in to.iter_mut().zip(groups) {
                         let mut sums = [0.0; TAPS];
                         for (p, shares) in px.iter().zip(&shares) {
                             sums.iter_mut().zip(shares).for_each(|(sum, share)| *sum += share * p);
                         }
-                        to[first..first + TAPS].iter_mut().zip(sums).for_each(|(node, sum)| *node += sum);
+                        *node = so_far[0] + sums[0];
+                        so_far = [so_far[1] + sums[1], so_far[2] + sums[2], so_far[3] + sums[3], 0.0];
                     }
+                    to[groups.len()..].copy_from_slice(&so_far[..TAPS - 1]);
                 }
             },
         );

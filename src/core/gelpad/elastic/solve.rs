@@ -14,6 +14,10 @@ use crate::base::simd::{dot_in_eights, simd_dispatch};
 /// Multiple of the tolerance below which pressures are close enough to their final values to stop pixels.
 const NEAR_TOLERANCE: f32 = 30.0;
 
+/// Number of pixels that join or leave in one step up to which their responses are added one by one. For more, computing
+/// the displacement anew takes less time.
+const MOST_SINGLE_RESPONSES: u32 = 24;
+
 /// A contact problem in a box.
 pub struct ContactProblem<'a> {
     /// Operator from pressure to displacement in the box and its approximate inverse; prepared for both.
@@ -78,6 +82,19 @@ impl ContactProblem<'_> {
         for pixel in &self.partial_pixels {
             let [x, y] = pixel.at;
             displacement.row_mut(y)[x] += pixel.spring() * pressure.at(x, y);
+        }
+    }
+
+    /// Adds the displacement under the pressures of few pixels, including the compression of partial pixels.
+    fn add_responses(&self, pressures: &Grid<f32>, displacement: &mut Grid<f32>) {
+        for y in 0..pressures.height {
+            for (x, pressure) in pressures.row(y).iter().enumerate().filter(|(_, pressure)| **pressure != 0.0) {
+                self.operator.add_pixel_response([x, y], *pressure, displacement);
+            }
+        }
+        for pixel in &self.partial_pixels {
+            let [x, y] = pixel.at;
+            displacement.row_mut(y)[x] += pixel.spring() * pressures.at(x, y);
         }
     }
 
@@ -199,22 +216,32 @@ impl ContactProblem<'_> {
                 direction,
                 displacement,
                 &self.penetration,
+                residual,
                 length,
                 1.0 / self.largest_compliance,
             );
+            // Until the violation is measured again, the residual's memory holds how far joins and leaves are from the
+            // step.
+            let jumps = &mut *residual;
             // The guess for a stiff pixel would push a compliant one far beyond the object: it would leave and join for
             // ever.
             for pixel in &free {
-                pressure.row_mut(pixel.at[1])[pixel.at[0]] *= self.guess_share(pixel);
+                let [x, y] = pixel.at;
+                let share = self.guess_share(pixel);
+                pressure.row_mut(y)[x] *= share;
+                jumps.row_mut(y)[x] *= share;
             }
-            if length == 0.0 && !changes.joined {
+            if length == 0.0 && changes.joined == 0 {
                 return outcome;
             }
-            keeps_direction = !changes.joined;
-            if changes.joined || changes.left {
+            keeps_direction = changes.joined == 0;
+            if changes.joined + changes.left > MOST_SINGLE_RESPONSES {
                 self.displace(pressure, memory, displacement);
             } else {
                 subtract_scaled(displacement, response, length);
+                if changes.joined + changes.left > 0 {
+                    self.add_responses(jumps, displacement);
+                }
             }
         }
     }
@@ -276,19 +303,20 @@ fn update_direction(direction: &mut Grid<f32>, step: &mut Grid<f32>, pressure: &
     );
 }
 
-/// Which changes of the contact a step made.
+/// Number of pixels that a step made join and leave the contact.
 struct ContactChanges {
-    joined: bool,
-    left: bool,
+    joined: u32,
+    left: u32,
 }
 
 /// Takes a step of `length` along `-direction`. Pixels whose pressure would become negative leave the contact; pixels
-/// that penetrate join it.
+/// that penetrate join it. Writes to `jumps` how far the pressures of these are from the step, and 0 elsewhere.
 fn advance_pressure(
     pressure: &mut Grid<f32>,
     direction: &Grid<f32>,
     displacement: &Grid<f32>,
     penetration: &Grid<f32>,
+    jumps: &mut Grid<f32>,
     length: f32,
     stiffness: f32,
 ) -> ContactChanges {
@@ -297,7 +325,7 @@ fn advance_pressure(
         move || {
             let (mut joined, mut left) = (0_u32, 0_u32);
             let rows = direction.data.iter().zip(&displacement.data).zip(&penetration.data);
-            for (p, ((t, w), g)) in pressure.data.iter_mut().zip(rows) {
+            for ((p, jump), ((t, w), g)) in pressure.data.iter_mut().zip(&mut jumps.data).zip(rows) {
                 let touches = *p > 0.0;
                 let moved = *p - length * t;
                 let deep = g - w;
@@ -305,13 +333,14 @@ fn advance_pressure(
                 let inside = if moved < 0.0 { 0.0 } else { moved };
                 let outside = if joins { deep * stiffness } else { 0.0 };
                 *p = if touches { inside } else { outside };
-                left |= u32::from(leaves);
-                joined |= u32::from(joins);
+                *jump = if touches { inside - moved } else { outside };
+                left += u32::from(leaves);
+                joined += u32::from(joins);
             }
             (joined, left)
         },
     );
-    ContactChanges { joined: joined > 0, left: left > 0 }
+    ContactChanges { joined, left }
 }
 
 fn subtract_scaled(displacement: &mut Grid<f32>, response: &Grid<f32>, length: f32) {

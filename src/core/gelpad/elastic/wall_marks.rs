@@ -52,6 +52,11 @@ impl WallMarks {
         }
     }
 
+    /// Returns true if a pair along axis `k` is marked whose first pixel is in this column.
+    pub fn is_marked(&self, column: usize, k: usize) -> bool {
+        [&self.along_x, &self.along_y][k][column] > 0
+    }
+
     /// Returns true if a pair with a pixel in these columns is marked.
     pub fn any(&self, columns: Range<usize>) -> bool {
         let before = columns.start.saturating_sub(1)..columns.end;
