@@ -49,7 +49,10 @@ pub fn extract_integer(name: &str, given: &Bound<'_, PyAny>, wanted: &str) -> Py
 
 /// Reads a number.
 pub fn extract_number(name: &str, given: &Bound<'_, PyAny>) -> PyResult<f64> {
-    given.extract().map_err(|error| type_error(name, given, "a number", error))
+    given.extract().map_err(|error: PyErr| match error.is_instance_of::<PyOverflowError>(given.py()) {
+        true => mistake_error(format!("{name} is too large"), "give a number below 1e308"),
+        false => type_error(name, given, "a number", error),
+    })
 }
 
 /// Reads True or False; false if it was left out.

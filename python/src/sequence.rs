@@ -190,6 +190,11 @@ impl Engine {
             return Err(mistake_error("a frame of a sequence needs a pose: friction follows the object", help));
         }
         let object = self.read_object(py, &name, &object, pose.as_ref())?;
+        let away_mm = object.site.pose.translation_mm.abs().max_element();
+        if away_mm > ObjectStep::FARTHEST_MM {
+            let message = format!("the object is {away_mm:e} mm away from the sensor");
+            return Err(mistake_error(message, "give its position in the sensor's frame, in mm"));
+        }
         let texture = texture.map(|cut| self.make_texture(py, &cut)).transpose()?;
         Ok(Step { object, texture, duration_s })
     }

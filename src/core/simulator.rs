@@ -123,6 +123,9 @@ pub enum PressError {
     /// A number is NaN or infinite.
     #[error("the {0} of the press is NaN or infinite")]
     NotFinite(&'static str),
+    /// A step of a sequence moves by more than positions of objects allow.
+    #[error("a step of the sequence leads too far: give positions in the sensor's frame, in mm")]
+    TooFar,
     /// The sequence was begun by the simulator of another sensor.
     #[error("the sequence was begun on another sensor: begin it with `sliding` of this simulator")]
     OtherSensor,

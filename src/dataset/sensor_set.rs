@@ -14,7 +14,7 @@ use super::dataset_error::DatasetError;
 use super::versioned::Versioned;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::number_format::format_number;
-use gelsim_files::write::write_atomically;
+use gelsim_files::write::write_output;
 use gelsim_job::plan::{CALIBRATION_FOLDER, SetMember};
 
 /// Name of the file that names the sensors.
@@ -173,14 +173,14 @@ pub(crate) fn prepare_set_folder(
             }
         }
     }
-    let card = root.join(CARD_FILE);
-    if known.as_ref() != Some(&set) || !card.exists() {
+    let (card, card_text) = (root.join(CARD_FILE), render_set_card(&set, members));
+    // A run that was killed between the two may have left the card of the set before.
+    if known.as_ref() != Some(&set) || std::fs::read(&card).ok().as_deref() != Some(card_text.as_bytes()) {
         std::fs::create_dir_all(root).map_err(failed(root))?;
         let mut text = serde_json::to_vec_pretty(&set).map_err(|error| DatasetError::Io(path.clone(), error.into()))?;
         text.push(b'\n');
-        write_atomically(&path, &text).map_err(failed(&path))?;
-        let text = render_set_card(&set, members);
-        write_atomically(&card, text.as_bytes()).map_err(failed(&card))?;
+        write_output(&path, &text).map_err(failed(&path))?;
+        write_output(&card, card_text.as_bytes()).map_err(failed(&card))?;
     }
     Ok(())
 }

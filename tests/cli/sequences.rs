@@ -436,7 +436,10 @@ fn depth_frames_with_poses_become_frames_with_friction() {
     let turned = |k: usize| if k == 2 { "0.0,0.0,0.17365,0.98481" } else { "0.0,0.0,0.0,1.0" };
     let rows: Vec<String> = (0..names.len()).map(|k| format!("{k:03},{}\n", turned(k))).collect();
     folder.write("turned.csv", format!("file,quaternion_x,quaternion_y,quaternion_z,quaternion_w\n{}", rows.concat()));
+    let rows: Vec<String> = (0..names.len()).map(|k| format!("{k:03},{},0,0\n", ["1e10", "0"][k.min(1)])).collect();
+    folder.write("far.csv", format!("file,x_mm,y_mm,z_mm\n{}", rows.concat()));
     for (more, words) in [
+        ("--sequence 0.3 --poses far.csv", "seen/000.npy: the object is 1e10 mm away from the sensor"),
         ("--sequence 0.3 --poses still.csv", "the object's pose is the same in every frame"),
         ("--sequence 0.3 --poses turned.csv", "seen/002.npy: the object turns by 20.0 degrees since the frame before"),
         ("--sequence 0.3", "--sequence needs the object's poses"),

@@ -280,6 +280,7 @@ fn a_skipped_frame_leaves_a_sequence_as_it_was() {
         (doubles("(4, 4)", &[0.0; 16]), "its pose has the shape [4, 4], not (7,)"),
         (array("|S9", "(7,)", vec![b'a'; 63]), "of type `|S9`"),
         (turned, "the object turns by 60.0 degrees since the frame before"),
+        (doubles("(7,)", &[0.0, 0.0, 0.0, 1.0, 0.0, -5e170, 3.5]), "the object is 5e170 mm away from the sensor"),
     ] {
         broken.push(([bytes, ball(0.5, 0.7)].concat(), words));
     }

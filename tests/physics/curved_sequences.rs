@@ -5,7 +5,8 @@ use gelsim::SensorExt;
 use std::sync::Arc;
 
 use gelsim::{
-    Fidelity, Friction, Impression, Indenter, ObjectStep, PadPlane, PlanarMotion, Pose, Press, Sensor, Simulator,
+    Fidelity, Friction, Impression, Indenter, ObjectStep, PadPlane, PlanarMotion, Pose, Press, PressError, Sensor,
+    Simulator,
 };
 use gelsim_core::base::gel::{GelCapsule, GelDome, GelShape};
 use gelsim_core::mesh::clusters::Clusters;
@@ -163,5 +164,38 @@ fn a_ball_that_slips_on_a_dome_is_pulled_by_friction_and_follows_the_charts() {
     for (push, ratio, gross) in settled {
         assert!((ratio / 0.3 - 1.0).abs() < 0.03 && *gross, "{ratio}");
         assert!((push / settled[0].0 - 1.0).abs() < 0.01, "{push}");
+    }
+}
+
+#[test]
+fn steps_that_lead_too_far_are_refused_and_the_farthest_is_another_contact() {
+    let mut sensor = Sensor::preset("gelsight-mini").expect("a preset");
+    sensor.resolution_px = [64, 48];
+    let ball: Arc<Clusters> = Arc::new(Shape::ball_around_origin(4.0, 24, 12).clusters());
+    for shape in [None, Some(GelShape::Dome(GelDome { radius_mm: 20.0 }))] {
+        sensor.shape = shape;
+        let simulator = Simulator::new(&sensor, Fidelity::Draft).expect("a sound sensor");
+        let mut sliding = simulator.sliding(Friction::Coulomb { coefficient: 0.3 }).expect("an elastic pad");
+        let pose = Pose::from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 3.5]);
+        let press = Press::new(Indenter::clusters(Arc::clone(&ball), pose).at_depth_mm(0.5), &sensor);
+        let step = |motion| [ObjectStep { pose, depth_mm: 0.5, motion, duration_s: 0.0 }];
+        simulator.press_next(&press, &step(PlanarMotion::default()), &mut sliding);
+        for mm in [1e30, 1e300] {
+            for motion in [
+                PlanarMotion { shift_mm: [0.0, -mm], ..PlanarMotion::default() },
+                PlanarMotion { turn_rad: 0.1, about_mm: [mm, 0.0], ..PlanarMotion::default() },
+            ] {
+                assert_eq!(
+                    simulator.try_press_next(&press, &step(motion), &mut sliding).err(),
+                    Some(PressError::TooFar)
+                );
+            }
+        }
+        for shift_mm in [[ObjectStep::FARTHEST_MM, 0.0], [0.0, -ObjectStep::FARTHEST_MM]] {
+            let motion = PlanarMotion { shift_mm, ..PlanarMotion::default() };
+            let found = simulator.press_next(&press, &step(motion), &mut sliding);
+            assert!(found.contact.finite && found.contact.force_n.is_some_and(|force| force > 0.1), "{motion:?}");
+            assert!(wrench(&found).iter().all(|part| part.is_finite()), "{motion:?}");
+        }
     }
 }

@@ -461,6 +461,7 @@ def test_a_step_that_cannot_be_leaves_the_sequence_as_it_is(slider, cylinder, sl
         refusal(gelsim.UsageError, lambda: slider.step(cylinder, gelsim.Pose(9.0)))
         turned = gelsim.Placement((0, 0, 0), (0, 0, 1, 1))
         refusal(gelsim.UsageError, lambda: slider.step(np.zeros((80, 60), np.float32), turned))
+        refusal(gelsim.UsageError, lambda: slider.step(cylinder, gelsim.Pose(0.4, x_mm=1e100)))
         refusal(TypeError, lambda: slider.step(cylinder, None, texture="noise"))
         same(press.sample(), slides[0.2][number].sample())
     assert slider.step(cylinder, gelsim.Pose(-0.5)).slip_state == "none"

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 
 import pytest
 from processes import PATIENCE_S, adopted, caught, descendants, finished, kill
@@ -12,12 +13,13 @@ pytestmark = pytest.mark.full
 
 
 @pytest.fixture
-def nodes(tmp_path_factory):
+def nodes():
     """The cluster's address, and the process of its second node."""
     # Ray listens on loopback only, and tells nobody of it.
     quiet = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in {**quiet, "RAY_TMPDIR": str(tmp_path_factory.mktemp("ray"))}.items():
+    # The names of its sockets are long, and may have 107 characters at most.
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="ray", dir="/tmp") as folder:
+        for name, value in {**quiet, "RAY_TMPDIR": folder}.items():
             patch.setenv(name, value)
         utils = pytest.importorskip("ray.cluster_utils", reason="no ray: pip install ray")
         with adopted():

@@ -48,6 +48,10 @@ pub struct ObjectStep {
 }
 
 impl ObjectStep {
+    /// Farthest that the object of a sequence may be from the sensor along an axis, mm: a thousand kilometres. Positions
+    /// there are still known to a nanometre.
+    pub const FARTHEST_MM: f64 = 1e9;
+
     /// Makes the step that leads to the pose of an indenter; it takes no time.
     pub fn to(indenter: &Indenter, motion: PlanarMotion) -> Self {
         Self { pose: indenter.pose, depth_mm: indenter.depth_mm, motion, duration_s: 0.0 }
@@ -64,6 +68,12 @@ impl ObjectStep {
         let in_place = pose.rotation.is_finite() && pose.translation_mm.is_finite() && depth_mm.is_finite();
         let takes_time = duration_s.is_finite() && *duration_s >= 0.0;
         in_place && takes_time && [x, y, turn_rad, u, v].iter().all(|number| number.is_finite())
+    }
+
+    /// Returns true if the motion leads no farther than from one allowed position to another, turned by any angle.
+    pub(crate) fn stays_near(&self) -> bool {
+        let PlanarMotion { shift_mm: [x, y], about_mm: [u, v], .. } = self.motion;
+        [x, y, u, v].iter().all(|mm| mm.abs() <= 10.0 * Self::FARTHEST_MM)
     }
 }
 

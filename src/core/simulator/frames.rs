@@ -52,7 +52,8 @@ impl Simulator {
     ///
     /// # Errors
     ///
-    /// Those of [`Simulator::try_press`]; also if a step is not finite, or if `sliding` was begun on another sensor.
+    /// Those of [`Simulator::try_press`]; also if a step is not finite, or leads farther than
+    /// [`ObjectStep::FARTHEST_MM`] allows, or if `sliding` was begun on another sensor.
     pub fn try_press_next(
         &self,
         press: &Press,
@@ -65,6 +66,9 @@ impl Simulator {
         }
         if !steps.iter().all(ObjectStep::is_finite) {
             return Err(PressError::NotFinite("step"));
+        }
+        if !steps.iter().all(ObjectStep::stays_near) {
+            return Err(PressError::TooFar);
         }
         Ok(self.render_next_frame(press, steps, sliding))
     }

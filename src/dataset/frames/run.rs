@@ -95,9 +95,10 @@ pub fn check_frames(plan: &Plan, request: &FrameRequest) -> Result<Vec<FrameReac
     }
     if request.sequence.is_some() {
         let known = request.metadata.as_deref().unwrap_or_default();
-        for ((pair, source), found) in known.windows(2).zip(sources.iter().skip(1)).zip(found.iter().skip(1)) {
+        let mut last = None;
+        for ((known, source), found) in known.iter().zip(sources.iter()).zip(&found) {
             let normal = found.as_ref().map_or(DVec3::Z, |reach| reach.normal);
-            if let Some(problem) = sequence::find_motion_error(pair[0].pose, pair[1].pose, normal) {
+            if let Some(problem) = sequence::find_motion_error(last.replace(known.pose), known.pose, normal) {
                 problems.push(name_frame(source, problem));
             }
         }

@@ -76,12 +76,12 @@ impl SequenceFollower {
                 None => (PadPlane::default(), None),
             },
         };
-        let motion = match self.last {
-            Some(last) => match find_motion_error(last, pose, plane.axes.z_axis) {
-                Some(error) => return Err(error),
-                None => lowest_mm.map_or_else(PlanarMotion::default, |now| motion_between(last, pose, now, &plane)),
-            },
-            None => PlanarMotion::default(),
+        if let Some(error) = find_motion_error(self.last, pose, plane.axes.z_axis) {
+            return Err(error);
+        }
+        let motion = match (self.last, lowest_mm) {
+            (Some(last), Some(now)) => motion_between(last, pose, now, &plane),
+            _ => PlanarMotion::default(),
         };
         self.last = Some(pose);
         let pressed = PressSource::Frame(DepthFrame { id, class, shape: seen.into_shape(&pose) });
@@ -136,9 +136,15 @@ pub fn turn_rad(from: Pose, to: Pose, normal: DVec3) -> f64 {
     if half.abs() > FRAC_PI_2 { full - half.signum() * TAU } else { full }
 }
 
-/// Returns an error if the poses of two successive frames cannot be right: the object turns too far about the pad's
-/// normal.
-pub fn find_motion_error(from: Pose, to: Pose, normal: DVec3) -> Option<Diagnostic> {
+/// Returns an error if the pose of a frame cannot be right after that of the frame before: the object is too far away, or
+/// turns too far about the pad's normal.
+pub fn find_motion_error(from: Option<Pose>, to: Pose, normal: DVec3) -> Option<Diagnostic> {
+    let away_mm = to.translation_mm.abs().max_element();
+    if away_mm > ObjectStep::FARTHEST_MM {
+        let message = format!("the object is {away_mm:e} mm away from the sensor");
+        return Some(Diagnostic::new(message).help("give its position in the sensor's frame, in mm"));
+    }
+    let from = from?;
     let turn_deg = turn_rad(from, to, normal).to_degrees();
     (turn_deg.abs() > MAX_TURN_DEG).then(|| {
         let message = format!("the object turns by {turn_deg:.1} degrees since the frame before");
