@@ -59,7 +59,6 @@ SHORTER = {
 
 # What does not run here: why, and what runs it.
 ELSEWHERE = {
-    "cargo test --release": ("minutes", ".ci/run"),
     "cargo +nightly fuzz run --fuzz-dir tests/fuzz --sanitizer none TARGET": ("a nightly compiler", ".ci/run"),
     "pip install taxim==1.4.1 jax": ("400 MB", ".ci/run"),
     "python tests/transfer/tactip.py GELSIM --real FOLDER": ("pictures that are not part of this project", "docs/evidence/transfer.md"),
