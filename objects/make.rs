@@ -65,6 +65,10 @@ const OBJECTS: [Object; 29] = [
 fn main() -> ExitCode {
     let default = concat!(env!("CARGO_MANIFEST_DIR"), "/objects");
     let folder = PathBuf::from(std::env::args_os().nth(1).unwrap_or_else(|| default.into()));
+    if let Err(error) = std::fs::create_dir_all(&folder) {
+        eprintln!("{}: {error}", folder.display());
+        return ExitCode::FAILURE;
+    }
     let mut total = 0;
     for (name, what, make) in OBJECTS {
         let solid = make();
