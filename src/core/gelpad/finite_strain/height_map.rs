@@ -1,6 +1,7 @@
 //! The object over the contact's grid, smooth enough to have a slope everywhere.
 
 use crate::base::grid::{Grid, Rect, bounding_box};
+use crate::base::simd::simd_dispatch;
 
 /// Samples of how far the object reaches below the undeformed surface, mm. Between them it is a quadratic B-spline, whose
 /// slope is continuous and which does not overshoot.
@@ -127,25 +128,37 @@ pub fn open_by_ball(heights_mm: &Grid<f32>, spacing_mm: [f64; 2], radius_mm: f64
     let part = bounding_box(heights_mm, |height| height > nothing).grown(room[0].max(room[1]), whole.x1, whole.y1);
     let object = heights_mm.crop(part);
     let (width, height) = (object.width as isize, object.height as isize);
-    let combine = |from: &Grid<f32>, start: f32, sign: f32, better: fn(f32, f32) -> f32| {
-        let mut to = Grid::new(from.width, from.height);
-        to.data.fill(start);
-        // One offset after the other over all rows, so that the inner loop is plain.
-        for ([dx, dy], above) in &ball {
-            let columns = (-dx).max(0)..(width - dx).min(width);
-            for y in (-dy).max(0)..(height - dy).min(height) {
-                let source = &from.row((y + dy) as usize)[(columns.start + dx) as usize..(columns.end + dx) as usize];
-                let target = &mut to.row_mut(y as usize)[columns.start as usize..columns.end as usize];
-                for (to, from) in target.iter_mut().zip(source) {
-                    *to = better(*to, from + sign * above);
+    // At each node the least of the heights around it, each with the height that a ball there has above its lowest point.
+    let find_least = |from: &Grid<f32>| {
+        let mut least = Grid::new(from.width, from.height);
+        least.data.fill(f32::INFINITY);
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                // One offset after the other over all rows, so that the inner loop is plain.
+                for ([dx, dy], above) in &ball {
+                    let columns = (-dx).max(0)..(width - dx).min(width);
+                    for y in (-dy).max(0)..(height - dy).min(height) {
+                        let source = from.row((y + dy) as usize);
+                        let source = &source[(columns.start + dx) as usize..(columns.end + dx) as usize];
+                        let target = &mut least.row_mut(y as usize)[columns.start as usize..columns.end as usize];
+                        for (least, from) in target.iter_mut().zip(source) {
+                            let here = from + above;
+                            *least = if here < *least { here } else { *least };
+                        }
+                    }
                 }
-            }
-        }
-        to
+            },
+        );
+        least
+    };
+    let negate = |mut heights: Grid<f32>| {
+        heights.data.iter_mut().for_each(|height| *height = -*height);
+        heights
     };
     // The deepest that the ball's lowest point gets at each node, and then what the ball covers from there.
-    let lowest = combine(&object, f32::INFINITY, 1.0, f32::min);
+    let covered = negate(find_least(&negate(find_least(&object))));
     let mut opened = heights_mm.clone();
-    opened.paste(&combine(&lowest, f32::NEG_INFINITY, -1.0, f32::max), part, whole);
+    opened.paste(&covered, part, whole);
     opened
 }
