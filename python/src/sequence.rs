@@ -12,7 +12,7 @@ use gelsim_core::gelpad::sliding::{ObjectStep, Sliding};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Pose;
 use gelsim_core::simulator::Simulator;
-use gelsim_dataset::frames::sequence::{motion_between, turn_rad};
+use gelsim_dataset::frames::sequence::{find_position_error, motion_between, turn_rad};
 use gelsim_job::plan::Plan;
 use gelsim_job::scene::{DrawnTexture, Scene};
 use gelsim_job::sequence::label::FrameLabel;
@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use crate::arguments::{OptionalArgument, extract_number, extract_whole_number};
-use crate::errors::{mistake_error, name_sensors, panic_error, runtime_error};
+use crate::errors::{mistake_error, name_sensors, panic_error, runtime_error, usage_error};
 use crate::job::ALLOWED_SEEDS;
 use crate::sensor::ALLOWED_INDICES;
 use crate::simulator::{
@@ -190,10 +190,8 @@ impl Engine {
             return Err(mistake_error("a frame of a sequence needs a pose: friction follows the object", help));
         }
         let object = self.read_object(py, &name, &object, pose.as_ref())?;
-        let away_mm = object.site.pose.translation_mm.abs().max_element();
-        if away_mm > ObjectStep::FARTHEST_MM {
-            let message = format!("the object is {away_mm:e} mm away from the sensor");
-            return Err(mistake_error(message, "give its position in the sensor's frame, in mm"));
+        if let Some(problem) = find_position_error(&object.site.pose) {
+            return Err(usage_error(&problem.into()));
         }
         let texture = texture.map(|cut| self.make_texture(py, &cut)).transpose()?;
         Ok(Step { object, texture, duration_s })

@@ -13,6 +13,7 @@ use super::cleanup;
 use super::dataset_error::DatasetError;
 use super::versioned::Versioned;
 use gelsim_files::diagnostic::user_error;
+use gelsim_files::input::{self, MAX_METADATA_BYTES};
 use gelsim_files::number_format::format_number;
 use gelsim_files::write::write_output;
 use gelsim_job::plan::{CALIBRATION_FOLDER, SetMember};
@@ -175,7 +176,9 @@ pub(crate) fn prepare_set_folder(
     }
     let (card, card_text) = (root.join(CARD_FILE), render_set_card(&set, members));
     // A run that was killed between the two may have left the card of the set before.
-    if known.as_ref() != Some(&set) || std::fs::read(&card).ok().as_deref() != Some(card_text.as_bytes()) {
+    let is_card_written =
+        input::read_without_links(&card, MAX_METADATA_BYTES).is_ok_and(|found| found == card_text.as_bytes());
+    if known.as_ref() != Some(&set) || !is_card_written {
         std::fs::create_dir_all(root).map_err(failed(root))?;
         let mut text = serde_json::to_vec_pretty(&set).map_err(|error| DatasetError::Io(path.clone(), error.into()))?;
         text.push(b'\n');

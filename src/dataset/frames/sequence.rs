@@ -136,13 +136,21 @@ pub fn turn_rad(from: Pose, to: Pose, normal: DVec3) -> f64 {
     if half.abs() > FRAC_PI_2 { full - half.signum() * TAU } else { full }
 }
 
+/// Returns an error if an object is too far away to be followed from frame to frame.
+pub fn find_position_error(pose: &Pose) -> Option<Diagnostic> {
+    let away_mm = pose.translation_mm.abs().max_element();
+    (away_mm > ObjectStep::FARTHEST_MM).then(|| {
+        let message = format!("the object is {away_mm:e} mm away from the sensor");
+        let help = format!("give its position in the sensor's frame, in mm, {:e} at most", ObjectStep::FARTHEST_MM);
+        Diagnostic::new(message).help(help)
+    })
+}
+
 /// Returns an error if the pose of a frame cannot be right after that of the frame before: the object is too far away, or
 /// turns too far about the pad's normal.
 pub fn find_motion_error(from: Option<Pose>, to: Pose, normal: DVec3) -> Option<Diagnostic> {
-    let away_mm = to.translation_mm.abs().max_element();
-    if away_mm > ObjectStep::FARTHEST_MM {
-        let message = format!("the object is {away_mm:e} mm away from the sensor");
-        return Some(Diagnostic::new(message).help("give its position in the sensor's frame, in mm"));
+    if let Some(problem) = find_position_error(&to) {
+        return Some(problem);
     }
     let from = from?;
     let turn_deg = turn_rad(from, to, normal).to_degrees();

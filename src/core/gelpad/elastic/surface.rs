@@ -61,7 +61,7 @@ impl ElasticPad {
         let youngs_modulus_kpa = self.youngs_modulus_kpa as f32;
         let mut in_view = Grid::new(width - 2 * SURFACE_BORDER, height - 2 * SURFACE_BORDER);
         let mut touching = vec![0_u8; width];
-        let through = (self.elastic.tolerance_um * 1e-3) as f32;
+        let through = self.tolerance_mm();
         // The part of the surface with known pressure, in the surface's own columns and rows.
         let pressed = area.in_window(seen.x0, seen.y0, width, height);
         let (force, peak, not_finite) = simd_dispatch(
@@ -165,7 +165,7 @@ impl ElasticPad {
         // In a shallow press, a flank can be within the grid's gap and still be far from the pad compared with the
         // depth. Gaps are divided by this, so it must be above 0 for the smallest depth, too.
         let close = self.contact_gap_mm().min(MAX_GAP_SHARE * depth.deepest_mm).max(f32::MIN_POSITIVE);
-        let through = (self.elastic.tolerance_um * 1e-3) as f32;
+        let through = self.tolerance_mm();
         // Nor does the cubic reach deeper than the object.
         let deepest = depth.penetration.largest(|g| g);
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
