@@ -161,9 +161,7 @@ fn transform_block<S: Simd, const FORWARD: bool, const R: usize>(
     // Vectors may hold fewer than the eight signals; then a value takes several of them.
     let per_value = LANES / S::F32_LANES;
     let part = twiddles.len() * per_value;
-    let (mut re, mut im) = (re.chunks_exact_mut(part), im.chunks_exact_mut(part));
-    let mut re: [&mut [S::f32s]; R] = std::array::from_fn(|_| re.next().expect("R parts"));
-    let mut im: [&mut [S::f32s]; R] = std::array::from_fn(|_| im.next().expect("R parts"));
+    let (mut re, mut im) = (split_block::<_, R>(re, part), split_block::<_, R>(im, part));
     for at in 0..part {
         let mut values = [Complex::<S> { re: re[0][at], im: im[0][at] }; R];
         for (value, (re, im)) in values.iter_mut().zip(re.iter().zip(&im)) {
@@ -183,6 +181,16 @@ fn transform_block<S: Simd, const FORWARD: bool, const R: usize>(
             im[at] = value.im;
         }
     }
+}
+
+/// Splits a block into `R` parts of `part` vectors.
+#[inline(always)]
+fn split_block<T, const R: usize>(mut block: &mut [T], part: usize) -> [&mut [T]; R] {
+    let mut parts = std::array::from_fn(|_| <&mut [T]>::default());
+    for split in &mut parts {
+        (*split, block) = block.split_at_mut(part);
+    }
+    parts
 }
 
 /// Multiplies all values but the first by their twiddle factors.
@@ -207,6 +215,13 @@ impl<S: Simd> Clone for Complex<S> {
 }
 
 impl<S: Simd> Copy for Complex<S> {}
+
+// Neither this nor the parts of a block are made by closures: where the compiler does not inline those, their vectors go
+// through memory.
+#[inline(always)]
+fn weighted_sum<S: Simd>(simd: S, [a, b]: [f32; 2], [p, q]: [Complex<S>; 2]) -> Complex<S> {
+    p.scaled_by(simd, a).plus(simd, q.scaled_by(simd, b))
+}
 
 /// Computes the transform of `R` values.
 #[inline(always)]
@@ -237,12 +252,10 @@ fn butterfly<S: Simd, const R: usize>(simd: S, x: [Complex<S>; R]) -> [Complex<S
             let (near, far) = (x[1].plus(simd, x[4]), x[2].plus(simd, x[3]));
             let near_across = x[1].minus(simd, x[4]).times_minus_i(simd);
             let far_across = x[2].minus(simd, x[3]).times_minus_i(simd);
-            let mix =
-                |a: f32, b: f32, p: Complex<S>, q: Complex<S>| p.scaled_by(simd, a).plus(simd, q.scaled_by(simd, b));
-            let first = x[0].plus(simd, mix(COS_5[0], COS_5[1], near, far));
-            let second = x[0].plus(simd, mix(COS_5[1], COS_5[0], near, far));
-            let first_across = mix(SIN_5[0], SIN_5[1], near_across, far_across);
-            let second_across = mix(SIN_5[1], -SIN_5[0], near_across, far_across);
+            let first = x[0].plus(simd, weighted_sum(simd, [COS_5[0], COS_5[1]], [near, far]));
+            let second = x[0].plus(simd, weighted_sum(simd, [COS_5[1], COS_5[0]], [near, far]));
+            let first_across = weighted_sum(simd, [SIN_5[0], SIN_5[1]], [near_across, far_across]);
+            let second_across = weighted_sum(simd, [SIN_5[1], -SIN_5[0]], [near_across, far_across]);
             y[0] = x[0].plus(simd, near).plus(simd, far);
             y[1] = first.plus(simd, first_across);
             y[2] = second.plus(simd, second_across);
@@ -280,7 +293,8 @@ impl<S: Simd> Complex<S> {
     /// Multiplies by -i.
     #[inline(always)]
     fn times_minus_i(self, simd: S) -> Self {
-        Self { re: self.im, im: simd.neg_f32s(self.re) }
+        // `neg_f32s` is this, but is not always inlined.
+        Self { re: self.im, im: simd.xor_f32s(simd.splat_f32s(-0.0), self.re) }
     }
 
     #[inline(always)]

@@ -136,19 +136,23 @@ impl Horizons {
                             for y in 0..BLOCK {
                                 let here = read::<BLOCK>(around.row(y0 + y + margin[1]), x0 + margin[0]);
                                 let slopes = &mut plane[(y0 + y) * stride + x0..];
+                                // By loops: what a closure gives to `array::from_fn` is not always inlined.
+                                let mut steeper = [0.0; BLOCK];
                                 if let Some([u, v]) = step.between {
                                     let above = read::<WIDER>(around.row(top + y), left);
                                     let below = read::<WIDER>(around.row(top + y + 1), left);
-                                    let slope = |x: usize| {
+                                    for x in 0..BLOCK {
                                         let upper = above[x] + (above[x + 1] - above[x]) * u;
                                         let lower = below[x] + (below[x + 1] - below[x]) * u;
-                                        (upper + (lower - upper) * v - here[x]) * per_mm
-                                    };
-                                    take_steeper(slopes, std::array::from_fn(slope));
+                                        steeper[x] = (upper + (lower - upper) * v - here[x]) * per_mm;
+                                    }
                                 } else {
                                     let there = read::<BLOCK>(around.row(top + y), left);
-                                    take_steeper(slopes, std::array::from_fn(|x| (there[x] - here[x]) * per_mm));
+                                    for x in 0..BLOCK {
+                                        steeper[x] = (there[x] - here[x]) * per_mm;
+                                    }
                                 }
+                                take_steeper(slopes, steeper);
                             }
                         }
                     }
