@@ -183,7 +183,7 @@ fn transform_block<S: Simd, const FORWARD: bool, const R: usize>(
     }
 }
 
-/// Splits a block into `R` parts of `part` vectors.
+/// Splits a block into `R` parts of `part` vectors. Closures that take parts from an iterator are not always inlined.
 #[inline(always)]
 fn split_block<T, const R: usize>(mut block: &mut [T], part: usize) -> [&mut [T]; R] {
     let mut parts = std::array::from_fn(|_| <&mut [T]>::default());
@@ -216,8 +216,7 @@ impl<S: Simd> Clone for Complex<S> {
 
 impl<S: Simd> Copy for Complex<S> {}
 
-// Neither this nor the parts of a block are made by closures: where the compiler does not inline those, their vectors go
-// through memory.
+/// Returns `a p + b q`. As a closure it would not always be inlined, and its vectors would go through memory.
 #[inline(always)]
 fn weighted_sum<S: Simd>(simd: S, [a, b]: [f32; 2], [p, q]: [Complex<S>; 2]) -> Complex<S> {
     p.scaled_by(simd, a).plus(simd, q.scaled_by(simd, b))
