@@ -78,12 +78,12 @@
 //!
 //! # Limitations
 //!
-//! - The pad is a linear elastic layer. At large strains it is off by tens of micrometres;
-//!   [`Numerics::model_error_um`] estimates by how much for each press.
+//! - The pad is a linear elastic layer, except at [`Fidelity::FiniteStrain`]. At large strains it is off by tens of
+//!   micrometres; [`Numerics::model_error_um`] estimates by how much for each press.
 //! - Objects are rigid, or elastic with one modulus. Frames of sequences take them as rigid.
 //! - A height map lies over a flat pad. A gel that has a shape takes meshes.
-//! - Light is reflected once: slopes of the pad do not light each other.
-//! - A press is an equilibrium: mass, speed and viscosity are not modelled.
+//! - Light is reflected once, except with [`OpticsModel::Led`] over a [`Coat`].
+//! - A press is an equilibrium: mass and speed are not modelled.
 
 mod file;
 

@@ -162,6 +162,10 @@ class Sensor:
         """Thickness of the gelpad."""
 
     @property
+    def is_flat(self) -> bool:
+        """True for a flat pad, which is given heights; a gel that has a shape is given distances from its lens."""
+
+    @property
     def leds(self) -> list[Led]:
         """LEDs; `with_leds` makes a sensor with others."""
 

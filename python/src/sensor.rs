@@ -526,6 +526,12 @@ impl Sensor {
         self.itself.gelpad.thickness_mm
     }
 
+    /// True for a flat pad, which is given heights; a gel that has a shape is given distances from its lens.
+    #[getter]
+    fn is_flat(&self) -> bool {
+        self.itself.shape.is_none()
+    }
+
     /// LEDs; `with_leds` makes a sensor with others.
     #[getter]
     fn leds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {

@@ -96,23 +96,24 @@ fn a_larger_dilation_takes_in_more_of_the_image() {
 }
 
 #[test]
-fn images_pair_by_path_then_by_name_and_those_left_over_are_named() {
+fn images_pair_by_path_then_by_name_then_without_ending_and_those_left_over_are_named() {
     let folder = Folder::new();
     let plain = picture([64, 48], 0.0, 0);
-    // a/images/7.png pairs by its path, so that a/7.png is left; a/8.png and b/1.png pair by their names.
-    for name in ["real/a/images/7.png", "real/a/8.png", "real/a/images/9.png", "real/b/1.png", "real/c/1.png"] {
-        save(&folder, name, &plain);
+    // a/images/7.png pairs by its path, so that a/7.png is left, and a/7.bmp; a/8.png and b/1.png pair by their names, a/6.bmp by
+    // its name without ending.
+    for name in ["a/images/7.png", "a/7.bmp", "a/8.png", "a/6.bmp", "a/images/9.png", "b/1.png", "c/1.png"] {
+        save(&folder, &format!("real/{name}"), &plain);
     }
-    for name in ["sim/a/images/7.png", "sim/a/7.png", "sim/a/images/8.png", "sim/b/images/1.png", "sim/d/5.png"] {
-        save(&folder, name, &plain);
+    for name in ["a/images/7.png", "a/7.png", "a/images/8.png", "a/6.png", "b/images/1.png", "d/5.png"] {
+        save(&folder, &format!("sim/{name}"), &plain);
     }
     let (_, said) = run(&folder, "compare real sim --out out");
     let csv = folder.read("out/compare.csv");
     let names: Vec<String> =
         csv.lines().skip(1).map(|line| line.split(',').take(2).collect::<Vec<_>>().join(" ")).collect();
-    assert_eq!(names, ["a 8.png", "a images/7.png", "b 1.png"]);
+    assert_eq!(names, ["a 6.bmp", "a 8.png", "a images/7.png", "b 1.png"]);
     for line in [
-        "warning: a: 1 real image has no counterpart: images/9.png\n",
+        "warning: a: 2 real images have no counterpart: 7.bmp, images/9.png\n",
         "warning: a: 1 simulated image has no counterpart: 7.png\n",
         "warning: c: 1 real image has no counterpart: 1.png\n",
         "warning: d: 1 simulated image has no counterpart: 5.png\n",

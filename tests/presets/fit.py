@@ -5,7 +5,7 @@
 PAD.png are images of untouched pads, one for each unit: from them come the mean colour, the pattern and how much units differ.
 PRESSES.csv is a table as `gelsim calibrate` takes it, with the background of the unit that was pressed: from them come the LEDs'
 directions, stray light and how the light of each varies over the pad, what these leave unexplained, the camera's noise, and on which
-side each channel brightens. Errors are those of presses that were not fitted: the table is parted in three, and each part is shown by
+side each channel brightens. Errors are those of presses that were not fitted: the table is parted in five, and each part is shown by
 what was fitted to the others. What is printed at the end was fitted to all of them. Needs numpy and Pillow.
 """
 

@@ -49,7 +49,7 @@ def sensors() -> gelsim.Sensor:
     assert [led.name for led in lit.leds] == ["red", "green", "blue", "amber"] and lit.leds[3] == more
     width, height = lit.resolution_px
     across, down = lit.field_of_view_mm
-    assert (lit.name, width, height) == ("digit", 240, 320) and across < down and lit.gelpad_thickness_mm == 4.0
+    assert (lit.name, width, height) == ("digit", 240, 320) and across < down and lit.gelpad_thickness_mm == 4.0 and lit.is_flat
     depth_mm = np.full((80, 60), -np.inf, np.float32)
     depth_mm[30:50, 20:40] = 0.4
     image: NDArray[np.uint8] = lit.render(depth_mm, fidelity="draft", layers=["surface"], index=1, seed=2)["tactile"]

@@ -227,6 +227,7 @@ class TestTouch:
         [
             (lambda s: Touch("digit", {"a": shapes.sphere(1.0)}), TypeError, "gelsim.Simulator"),
             (lambda s: Touch(s, {}), gelsim.UsageError, "objects is empty"),
+            (lambda s: Touch(gelsim.Simulator("geltip"), {"a": shapes.sphere(1.0)}), gelsim.UsageError, "is curved.*simulator.step"),
             (lambda s: Touch(s, {"a": 5}), TypeError, "'a' is of type int"),
             (lambda s: Touch(s, {"a": shapes.sphere(1.0)}, friction=11.0), gelsim.UsageError, "friction"),
             (lambda s: Touch(s, {"a": shapes.sphere(1.0)}, deepest_mm=9.0), gelsim.UsageError, "deepest_mm"),

@@ -2,10 +2,12 @@
 
 import filecmp
 import os
+import shutil
 import signal
 import subprocess
 import time
 import venv
+from collections import defaultdict
 from types import SimpleNamespace
 
 import pytest
@@ -46,6 +48,26 @@ def datasets(installed, gelsim_path, job, tmp_path_factory):
     for name, command in [("cargo", gelsim_path), ("wheel", installed.gelsim)]:
         succeed(command, "generate", job, "--samples", "20", "--out", folder / name)
     return folder
+
+
+def features(project, *more):
+    """The features that each crate is compiled with, once as part of build scripts and macros and once of programs."""
+    line = ["cargo", "tree", "--locked", "--prefix", "none", "--no-dedupe", "--format", "{p}\t{f}", *more]
+    found = defaultdict(set)
+    for crate in filter(None, succeed(*line, cwd=project).splitlines()):
+        name, given = crate.split("\t")
+        found[name].add(given)
+    return found
+
+
+@pytest.mark.skipif(not shutil.which("cargo"), reason="no cargo: https://rustup.rs")
+@pytest.mark.parametrize("package", ["gelsim", "gelsim-python"])
+def test_an_installation_takes_what_cargo_run_and_cargo_test_have_compiled(project, package):
+    """A crate with other features would be compiled again, and all that use it."""
+    ours, theirs = features(project), features(project, "--package", package, "--edges", "normal,build")
+    different = {name: (ours[name], given) for name, given in theirs.items() if ours.get(name, given) != given}
+    assert not different, "src/cli/Cargo.toml lists the features that must be the same"
+    assert len(theirs.keys() & ours.keys()) > 100
 
 
 def test_all_say_the_same_version(installed, gelsim_path, tmp_path):

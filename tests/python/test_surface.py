@@ -184,7 +184,7 @@ def surface(project, tmp_path_factory):
     rustdoc.chmod(0o755)
     flags = {"RUSTDOC": str(rustdoc), "RUSTDOCFLAGS": "-Zunstable-options --output-format=json"}
     # All crates, as the docs are made, so that what those compiled serves here, too.
-    command = ["cargo", "doc", "--quiet", "--no-deps", "--release", "--locked"]
+    command = ["cargo", "doc", "--quiet", "--no-deps", "--release", "--locked", "--workspace"]
     subprocess.run(command, cwd=project, check=True, env={**os.environ, **flags})
     folder = project / os.environ.get("CARGO_TARGET_DIR", "target") / "doc"
     return Surface({name: Crate(folder / f"{name}.json") for name in ["gelsim", "gelsim_core", "gelsim_files"]})

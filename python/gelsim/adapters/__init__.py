@@ -138,7 +138,7 @@ class Touch:
     It follows one object at a time, with friction that remembers: the one that touches, as long as it does, then the one that reaches
     deepest. With another object the memory begins anew. A second one that touches meanwhile is not felt, which is warned of.
 
-    For flat pads: how deep objects reach is measured in the image's rectangle.
+    For flat pads alone: how deep objects reach is measured in the image's rectangle. For curved gels there is `Simulator.step`.
     """
 
     def __init__(
@@ -161,6 +161,9 @@ class Touch:
         """
         if not isinstance(simulator, Simulator):
             raise TypeError(f'simulator is {kind(simulator)}; give gelsim.Simulator("gelsight-mini")')
+        if not simulator.sensor.is_flat:
+            way = "call simulator.step(mesh, gelsim.Placement(...))"
+            raise UsageError(f"the gel of {simulator.sensor.name} is curved, and depths are measured over flat pads alone; {way}")
         self._thickness = simulator.sensor.gelpad_thickness_mm
         checks = Checks()
         self._deepest = checks.optional("deepest_mm", deepest_mm, 0.0, self._thickness, "mm")

@@ -51,7 +51,7 @@ class Touch:
         """Makes the sensor ready, with a first image, so that the next ones take no longer than they will. UsageError with mistakes."""
         self.parameters, self._numpy = its, need("numpy")
         self._sensor = changed(its)
-        self.is_flat = is_flat(self._sensor)
+        self.is_flat = self._sensor.is_flat
         self.takes_poses = bool(its.mesh)
         self._frames = 0
         self._stamp_s: Optional[float] = None
@@ -174,17 +174,6 @@ def changed(its: Parameters) -> Sensor:
     """The sensor, with `set`. Frames are rendered one by one, on the thread that asks."""
     is_file = its.sensor.lower().endswith(".toml") or os.sep in its.sensor
     return (Sensor.load if is_file else Sensor.preset)(its.sensor, set=its.assignments, threads=1)
-
-
-def is_flat(sensor: Sensor) -> bool:
-    """True if it takes heights; the frames of others have rays."""
-    numpy = need("numpy")
-    width, height = sensor.resolution_px
-    try:
-        sensor.render(numpy.full((height, width), numpy.inf), along="ray")
-    except UsageError:
-        return True
-    return False
 
 
 def between(image: NDArray[np.float32], at_px: NDArray[Any]) -> NDArray[np.float32]:

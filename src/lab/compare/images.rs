@@ -56,6 +56,11 @@ impl ImageEntry {
     pub fn file_name(&self) -> &str {
         self.name.rsplit('/').next().unwrap_or(&self.name)
     }
+
+    /// Name without folders and ending.
+    pub fn file_stem(&self) -> &str {
+        self.file_name().rsplit_once('.').map_or(self.file_name(), |(stem, _)| stem)
+    }
 }
 
 /// An image that cannot be used.

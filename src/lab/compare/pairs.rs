@@ -1,7 +1,8 @@
 //! Pairs of simulated and real images.
 //!
 //! Sensors match by the names of their folders, or if there is just one on each side. Within a sensor, images pair by
-//! their paths relative to its folder, then by their names without folders, where those are unique on both sides.
+//! their paths relative to its folder, then by their names without folders, then by those without endings, where these
+//! are unique on both sides.
 
 use std::collections::{HashMap, HashSet};
 
@@ -92,25 +93,29 @@ fn group_sensor<'a>(real: &'a SensorImages, sim: &'a SensorImages, notes: &mut V
 
 /// Finds the pairs, in the order of the real images.
 fn match_pairs<'a>(reals: &'a [ImageEntry], sims: &'a [ImageEntry]) -> Vec<(&'a ImageEntry, &'a ImageEntry)> {
-    let by_path: HashMap<&str, &ImageEntry> = sims.iter().map(|sim| (sim.name.as_str(), sim)).collect();
-    let (real_bases, sim_bases) = (index_unique_names(reals), index_unique_names(sims));
-    let real_paths: HashMap<&str, &ImageEntry> = reals.iter().map(|real| (real.name.as_str(), real)).collect();
-    let found = reals.iter().filter_map(|real| {
-        let by_base = || {
-            real_bases.get(real.file_name())?;
-            // A simulated image whose full path fits another real image belongs to that one.
-            sim_bases.get(real.file_name()).filter(|sim| !real_paths.contains_key(sim.name.as_str()))
-        };
-        Some((real, *by_path.get(real.name.as_str()).or_else(by_base)?))
-    });
-    found.collect()
+    let mut found: Vec<Option<&ImageEntry>> = vec![None; reals.len()];
+    let names: [fn(&ImageEntry) -> &str; 3] = [|entry| &entry.name, ImageEntry::file_name, ImageEntry::file_stem];
+    for name_of in names {
+        let taken: HashSet<&str> = found.iter().flatten().map(|sim| sim.name.as_str()).collect();
+        let [unique_reals, unique_sims] = [reals, sims].map(|entries| index_unique_names(entries, name_of));
+        for (real, found) in reals.iter().zip(&mut found).filter(|(_, found)| found.is_none()) {
+            let name = name_of(real);
+            let sim = unique_sims.get(name).filter(|_| unique_reals.contains_key(name));
+            *found = sim.copied().filter(|sim| !taken.contains(sim.name.as_str()));
+        }
+    }
+    reals.iter().zip(found).filter_map(|(real, sim)| Some((real, sim?))).collect()
 }
 
-/// Indexes images by their names without folders, where a name is unique.
-fn index_unique_names(entries: &[ImageEntry]) -> HashMap<&str, &ImageEntry> {
-    let mut counts: HashMap<&str, u32> = HashMap::new();
-    entries.iter().for_each(|entry| *counts.entry(entry.file_name()).or_default() += 1);
-    entries.iter().map(|entry| (entry.file_name(), entry)).filter(|(base, _)| counts[base] == 1).collect()
+/// Indexes images by a name of theirs, where it is unique.
+fn index_unique_names(entries: &[ImageEntry], name_of: fn(&ImageEntry) -> &str) -> HashMap<&str, &ImageEntry> {
+    let mut found: HashMap<&str, Option<&ImageEntry>> = HashMap::new();
+    for entry in entries {
+        let only = found.entry(name_of(entry)).or_insert(Some(entry));
+        // A table may list an image twice.
+        *only = only.filter(|other| other.name == entry.name);
+    }
+    found.into_iter().filter_map(|(name, only)| Some((name, only?))).collect()
 }
 
 /// Most names that a warning lists.
@@ -126,5 +131,5 @@ fn warn_unpaired(sensor: &str, what: &str, images: &[&ImageEntry]) -> Diagnostic
     let noun = if images.len() == 1 { "image has" } else { "images have" };
     let message = format!("{sensor}: {} {what} {noun} no counterpart: {}{more}", images.len(), names.join(", "));
     Diagnostic::warning(message)
-        .help("images pair by their paths in the sensor's folder, or by their names: rename one side")
+        .help("images pair by their paths in the sensor's folder, or by their names without endings: rename one side")
 }

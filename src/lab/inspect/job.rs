@@ -119,7 +119,7 @@ pub fn job_for_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Resul
     }
     let text = format!(
         "# {} in {}. Look first:  gelsim preview {} --out {}\n\
-         # Every key is explained in the job that gelsim init prints.\n\n\
+         # The job that gelsim init prints explains more keys.\n\n\
          [dataset]\nname = \"{}\"\nsamples = {}\n\
          splits = {{ train = 0.8, val = 0.1, test = 0.1 }}\n\
          # split_by = \"object\"                     # whole objects in one split: test objects are unseen in training\n\n\

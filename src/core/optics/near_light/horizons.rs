@@ -88,8 +88,7 @@ impl Horizons {
     /// Finds the horizons of `part`, counted without the border of `surface`; pixels of that grid are `pixel_mm` apart.
     /// What rises less than `flattest` is not looked for.
     pub fn new(surface: &Grid<f32>, part: Rect, pixel_mm: [f64; 2], azimuths: usize, flattest: f32) -> Self {
-        let highest_mm = surface.data.iter().copied().fold(0.0, f32::max);
-        let lowest_mm = surface.data.iter().copied().fold(0.0, f32::min);
+        let (highest_mm, lowest_mm) = (surface.largest(|mm| mm), -surface.largest(|mm| -mm));
         let distances_mm = step_distances_mm(pixel_mm, f64::from((highest_mm - lowest_mm) / flattest));
         let furthest = distances_mm.last().copied().unwrap_or_default();
         // Beyond the surface there is nothing to be seen.
