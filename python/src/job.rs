@@ -13,7 +13,7 @@ use gelsim_job::label::sample_key;
 use gelsim_job::layout::Split;
 use gelsim_job::plan::Plan;
 use gelsim_job::probe::preview_job;
-use gelsim_job::sample::{AcceptedSample, RejectedSample, Sample, accept_sample};
+use gelsim_job::sample::{AcceptedSample, RejectedSample, accept_sample};
 use gelsim_job::sequence::{self, SequenceEvent};
 use gelsim_lab::tradeoff::choose::choose_level;
 use pyo3::exceptions::{PyIndexError, PyTypeError};
@@ -127,6 +127,8 @@ impl Job {
     }
 
     /// Reads a job on the pool of `threads`, and settles its fidelity level.
+    // Plans lie on the stack. What calls this may be called again by a path or a number of the user's, a thousand deep.
+    #[inline(never)]
     fn new(
         py: Python<'_>,
         threads: OptionalArgument<'_, '_>,
@@ -159,39 +161,15 @@ impl Job {
     /// Renders sample `index` as `gelsim generate` writes it.
     fn render_sample(&self, index: u64) -> PyResult<RenderedSample> {
         let plan = &*self.plan;
+        let render: fn(&Plan, u64) -> Result<RenderedSample, RejectedSample> =
+            match (&plan.job().sequence, &plan.job().gripper) {
+                (None, None) => render_press,
+                (None, Some(_)) => render_grip,
+                (Some(_), None) => render_sequence,
+                (Some(_), Some(_)) => render_grip_sequence,
+            };
         // A panic leaves nothing half changed that is used later.
-        let both = |pair: [Sample; 2]| pair.map(|sample| Arrays::of_frame(plan, sample));
-        let rendered = catch_unwind(AssertUnwindSafe(|| match plan.job().sequence {
-            None if plan.job().gripper.is_some() => {
-                gripper::accept_grip(plan, index).map(|gripper::AcceptedGrip { grip, .. }| {
-                    RenderedSample::Grip(Box::new(both(grip.fingers)), to_json_line(&grip.label))
-                })
-            }
-            None => accept_sample(plan, index)
-                .map(|AcceptedSample { sample, .. }| RenderedSample::Press(Arrays::new(plan, sample))),
-            Some(_) if plan.job().gripper.is_some() => {
-                let mut frames = Vec::new();
-                let accepted = gripper::sequence::accept_grip_sequence(plan, index, |shown| {
-                    match shown {
-                        SequenceEvent::Begin => frames.clear(),
-                        SequenceEvent::Frame(pair, _) => frames.push(both(*pair)),
-                    }
-                    Ok::<(), RejectedSample>(())
-                })?;
-                Ok(RenderedSample::GripSequence(frames, to_json_line(&accepted.label)))
-            }
-            Some(_) => {
-                let mut frames = Vec::new();
-                let accepted = sequence::accept_sequence(plan, index, |shown| {
-                    match shown {
-                        SequenceEvent::Begin => frames.clear(),
-                        SequenceEvent::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
-                    }
-                    Ok::<(), RejectedSample>(())
-                })?;
-                Ok(RenderedSample::Sequence(frames, to_json_line(&accepted.label)))
-            }
-        }));
+        let rendered = catch_unwind(AssertUnwindSafe(|| render(plan, index)));
         if let Some((path, error)) = plan.find_mesh_failure() {
             return Err(runtime_error(format!("{}: {error}", path.display())));
         }
@@ -201,6 +179,48 @@ impl Job {
             Err(panic) => Err(panic_error(&format!("sample {} (seed {})", sample_key(index), plan.seed()), &*panic)),
         }
     }
+}
+
+// Samples lie on the stack. Inlined into one function, these would take the stack of all of them together: more than some
+// threads of Python have.
+
+#[inline(never)]
+fn render_press(plan: &Plan, index: u64) -> Result<RenderedSample, RejectedSample> {
+    let AcceptedSample { sample, .. } = accept_sample(plan, index)?;
+    Ok(RenderedSample::Press(Arrays::new(plan, sample)))
+}
+
+#[inline(never)]
+fn render_grip(plan: &Plan, index: u64) -> Result<RenderedSample, RejectedSample> {
+    let gripper::AcceptedGrip { grip, .. } = gripper::accept_grip(plan, index)?;
+    let fingers = grip.fingers.map(|sample| Arrays::of_frame(plan, sample));
+    Ok(RenderedSample::Grip(Box::new(fingers), to_json_line(&grip.label)))
+}
+
+#[inline(never)]
+fn render_sequence(plan: &Plan, index: u64) -> Result<RenderedSample, RejectedSample> {
+    let mut frames = Vec::new();
+    let accepted = sequence::accept_sequence(plan, index, |shown| {
+        match shown {
+            SequenceEvent::Begin => frames.clear(),
+            SequenceEvent::Frame(sample, _) => frames.push(Arrays::of_frame(plan, *sample)),
+        }
+        Ok::<(), RejectedSample>(())
+    })?;
+    Ok(RenderedSample::Sequence(frames, to_json_line(&accepted.label)))
+}
+
+#[inline(never)]
+fn render_grip_sequence(plan: &Plan, index: u64) -> Result<RenderedSample, RejectedSample> {
+    let mut frames = Vec::new();
+    let accepted = gripper::sequence::accept_grip_sequence(plan, index, |shown| {
+        match shown {
+            SequenceEvent::Begin => frames.clear(),
+            SequenceEvent::Frame(pair, _) => frames.push(pair.map(|sample| Arrays::of_frame(plan, sample))),
+        }
+        Ok::<(), RejectedSample>(())
+    })?;
+    Ok(RenderedSample::GripSequence(frames, to_json_line(&accepted.label)))
 }
 
 /// Returns the exception for a sample that the job rejects.

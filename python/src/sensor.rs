@@ -123,6 +123,12 @@ impl Sensor {
     ) -> PyResult<Self> {
         require_numpy(py)?;
         let (set, threads) = (extract_assignments("set", set)?, extract_thread_count(threads)?);
+        Self::read(py, source, set, threads)
+    }
+
+    // Plans lie on the stack. What calls this may be called again by a path or a number of the user's, a thousand deep.
+    #[inline(never)]
+    fn read(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
         let itself = py.detach(|| load_sensor(&source)).map_err(|report| usage_error(&report))?.sensor;
         let (leds, notes, simulators) = (Vec::new(), Report::default(), Mutex::default());
         let sensor = Self { source, set, threads, itself, leds, notes, simulators };
@@ -241,6 +247,68 @@ impl Sensor {
         };
         let pool = shared_pool(py, self.threads)?;
         py.detach(|| pool.install(|| frames.resolve_plan())).map_err(|report| usage_error(&report))
+    }
+
+    /// Renders depth maps as samples from `index` on.
+    // As `read`: not in the stack of what calls the user's code.
+    #[inline(never)]
+    fn render_maps<'py>(
+        &self,
+        py: Python<'py>,
+        depth: &DepthMaps<'_>,
+        choice: SimulatorKey,
+        layers: &[OutputLayer],
+        index: u64,
+        seed: u64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (mut ready, is_new) = self.prepare_plan(py, choice)?;
+        if is_new {
+            emit_warnings(py, &self.new_notes(&ready.plan))?;
+        }
+        ready.plan = ready.plan.with_samples(seed, layers).map_err(|report| usage_error(&report))?;
+        let (plan, inside) = (&ready.plan, ready.reader.as_deref());
+        let one = |number: usize| {
+            let index = index.wrapping_add(number as u64);
+            match inside {
+                Some(reader) => render_distances(&ready, reader, depth, number, index),
+                None => render_heights(plan, depth, number, index),
+            }
+        };
+        let thickness_mm = plan.thickness_mm();
+        let judged = |seen: &DepthFindings| {
+            let notes = depth.report_findings(seen, thickness_mm).map_err(|report| usage_error(&report))?;
+            emit_warnings(py, &notes)
+        };
+        let Some(maps) = depth.batch_size() else {
+            if inside.is_none() {
+                judged(&py.detach(|| depth.inspect(0..1, thickness_mm)))?;
+            }
+            return py.detach(|| one(0))?.into_dict(py);
+        };
+        let pool = shared_pool(py, self.threads)?;
+        let mut seen = DepthFindings::NOTHING;
+        for block in depth.block_ranges().filter(|_| inside.is_none()) {
+            seen = seen.merge(py.detach(|| pool.install(|| depth.inspect(block, thickness_mm))));
+            py.check_signals()?;
+        }
+        judged(&seen)?;
+        let mut batch: Option<Arrays> = None;
+        let length = BLOCK * pool.current_num_threads();
+        for start in (0..maps).step_by(length) {
+            let block = start..maps.min(start + length);
+            let rendered = || block.into_par_iter().map(one).collect::<PyResult<Vec<_>>>();
+            py.detach(|| {
+                for arrays in pool.install(rendered)? {
+                    match &mut batch {
+                        Some(batch) => batch.push(arrays),
+                        None => batch = Some(arrays.into_batch(maps)?),
+                    }
+                }
+                PyResult::Ok(())
+            })?;
+            py.check_signals()?;
+        }
+        batch.ok_or_else(|| runtime_error("depth_mm is empty"))?.into_dict(py)
     }
 
     /// Reads the rays of the depth frames; `None` for a flat sensor, for which they must be left out.
@@ -452,54 +520,7 @@ impl Sensor {
             _ => size_px,
         };
         let choice = SimulatorKey { resolution_px, fidelity, frames: rays.map(|rays| (size_px, rays)) };
-        let (mut ready, is_new) = self.prepare_plan(py, choice)?;
-        if is_new {
-            emit_warnings(py, &self.new_notes(&ready.plan))?;
-        }
-        ready.plan = ready.plan.with_samples(seed, &layers).map_err(|report| usage_error(&report))?;
-        let (plan, inside) = (&ready.plan, ready.reader.as_deref());
-        let one = |number: usize| {
-            let index = index.wrapping_add(number as u64);
-            match inside {
-                Some(reader) => render_distances(&ready, reader, &depth, number, index),
-                None => render_heights(plan, &depth, number, index),
-            }
-        };
-        let thickness_mm = plan.thickness_mm();
-        let judged = |seen: &DepthFindings| {
-            let notes = depth.report_findings(seen, thickness_mm).map_err(|report| usage_error(&report))?;
-            emit_warnings(py, &notes)
-        };
-        let Some(maps) = depth.batch_size() else {
-            if inside.is_none() {
-                judged(&py.detach(|| depth.inspect(0..1, thickness_mm)))?;
-            }
-            return py.detach(|| one(0))?.into_dict(py);
-        };
-        let pool = shared_pool(py, self.threads)?;
-        let mut seen = DepthFindings::NOTHING;
-        for block in depth.block_ranges().filter(|_| inside.is_none()) {
-            seen = seen.merge(py.detach(|| pool.install(|| depth.inspect(block, thickness_mm))));
-            py.check_signals()?;
-        }
-        judged(&seen)?;
-        let mut batch: Option<Arrays> = None;
-        let length = BLOCK * pool.current_num_threads();
-        for start in (0..maps).step_by(length) {
-            let block = start..maps.min(start + length);
-            let rendered = || block.into_par_iter().map(one).collect::<PyResult<Vec<_>>>();
-            py.detach(|| {
-                for arrays in pool.install(rendered)? {
-                    match &mut batch {
-                        Some(batch) => batch.push(arrays),
-                        None => batch = Some(arrays.into_batch(maps)?),
-                    }
-                }
-                PyResult::Ok(())
-            })?;
-            py.check_signals()?;
-        }
-        batch.ok_or_else(|| runtime_error("depth_mm is empty"))?.into_dict(py)
+        self.render_maps(py, &depth, choice, &layers, index, seed)
     }
 
     /// Name in labels.

@@ -269,6 +269,22 @@ try:
 except RecursionError:
     pass
 """,
+    "a_number_may_call_again": BEGUN + """
+class Again:
+    def __index__(self):
+        return call()
+    __float__ = __index__
+for call in [
+    lambda: gelsim.Job.load(JOB, samples=Again()),
+    lambda: gelsim.Sensor.preset("digit", threads=Again()),
+    lambda: sensor.render(maps[0], index=Again()),
+]:
+    try:
+        call()
+        raise AssertionError
+    except (RecursionError, ImportError):
+        pass
+""",
     "a_warning_may_call_again_or_be_an_error": BEGUN + """
 import warnings
 def show(*given, **more):

@@ -136,13 +136,30 @@ def test_an_array_that_changes_is_rendered_or_refused(the, how):
         thread.join()
 
 
-@pytest.mark.parametrize("size", [1 << 20, 256 << 10, 128 << 10])
-@pytest.mark.parametrize("what", ["map", "sample", "job"])
+SEQUENCE = """
+friction = { coefficient = 0.5 }
+frame_rate_hz = 10.0
+phase = [{ name = "press", duration_s = 0.2, depth_mm = 0.5 }, { name = "slide", duration_s = 0.2, x_mm = 0.4 }]
+"""
+
+
+@pytest.mark.parametrize(
+    "what, size",
+    [*itertools.product(["map", "sample", "job"], [1 << 20, 256 << 10, 128 << 10]), ("frames", 128 << 10), ("grip", 256 << 10)],
+)
 def test_little_stack_is_enough(the, what, size):
+    text = the.job_path.read_text().replace("indentation.depth_mm = [0.3, 1.0]", "")
+    others = {"frames": f"[sequence]{SEQUENCE}", "grip": "gripper.force_n = 1.0"}
+    if what in others:
+        path = the.folder / f"{what}.toml"
+        path.write_text(f"{text}\n{others[what]}")
+        other = gelsim.Job.load(path)
     work = {
         "map": lambda: the.sensor.render(MAPS[0]),
         "sample": lambda: the.job[0],
         "job": lambda: gelsim.Job.load(the.job_path),
+        "frames": lambda: other[0],
+        "grip": lambda: other[0],
     }
     before = threading.stack_size(size)
     try:
