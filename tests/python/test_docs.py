@@ -143,7 +143,8 @@ ELSEWHERE = {
     "cargo clippy --release --workspace --all-targets --locked -- -D warnings": ("minutes", ".ci/run"),
     "cargo publish --dry-run --locked --workspace": ("minutes", ".ci/run"),
     "cargo run --release --example press": ("there from another folder", "tests/python/test_library.py"),
-    "pip install dist/gelsim-*.whl": ("the wheel; there from another folder", ".ci/run"),
+    "python3 -m venv env && . env/bin/activate": ("the environment that is there already", ".ci/run"),
+    'pip install dist/gelsim-*"$(uname -m)".whl': ("the wheel; there from another folder", ".ci/run"),
     "cargo install --path . --features stores": ("minutes; there it is built", ".ci/run"),
     "gelsim generate job.toml --out s3://bucket/presses": ("an S3 server", "tests/python/test_stores.py"),
     "gelsim generate job.toml --out s3://bucket/presses --partition 0/2": ("an S3 server", "tests/python/test_stores.py"),
@@ -280,8 +281,8 @@ def presses(folder):
     """
     (folder / "presses.toml").write_text(re.sub(r"(?m)^\s+", "", job))
     subprocess.run(["gelsim", "generate", "presses.toml", "--quiet"], cwd=folder, check=True)
-    tables = {"presses.csv": ("press", []), "others.csv": ("others", [])}
-    forces = {"presses.csv": [], "others.csv": []}
+    tables = {"presses.csv": ("press", []), "others/annotations.csv": ("others", [])}
+    forces = {table: [] for table in tables}
     with tarfile.open(folder / "out/presses/data/train-000000.tar") as tar:
         members = {name: tar.extractfile(name).read() for name in tar.getnames()}
     for index in range(12):
@@ -290,16 +291,17 @@ def presses(folder):
         (pitch, _), contact = label["sensor"]["mm_per_px"], label["contact"]
         x, y = contact["centroid_mm"]
         circle = x / pitch + 79.5, y / pitch + 59.5, math.sqrt(contact["area_mm2"] / math.pi) / pitch
-        pictures, rows = tables["presses.csv" if index < 8 else "others.csv"]
+        table = "presses.csv" if index < 8 else "others/annotations.csv"
+        pictures, rows = tables[table]
         name = f"{pictures}/{index:02}.png"
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(members[f"{key}.tactile.png"])
-        rows.append([name, *circle, 4.0, pitch])
+        rows.append([os.path.relpath(name, pathlib.Path(table).parent), *circle, 4.0, pitch])
         depth = label["indentation_depth_mm"]
-        forces["presses.csv" if index < 8 else "others.csv"].append([name, 4.0, depth, contact["total_force_n"]])
+        forces[table].append([name, 4.0, depth, contact["total_force_n"]])
     (folder / "untouched.png").write_bytes(members["000000000.reference.png"])
     names = ["file", "centre_x_px", "centre_y_px", "radius_px", "ball_radius_mm", "mm_per_px"]
-    with_forces = {"forces.csv": forces["presses.csv"], "other-forces.csv": forces["others.csv"]}
+    with_forces = {"forces.csv": forces["presses.csv"], "other-forces.csv": forces["others/annotations.csv"]}
     named = {table: [names, *rows] for table, (_, rows) in tables.items()}
     named |= {table: [["file", "ball_radius_mm", "depth_mm", "force_n"], *rows] for table, rows in with_forces.items()}
     for table, rows in named.items():
