@@ -895,10 +895,8 @@ def pipeline_figure(output, level, index):
 
 
 def mirrored(output):
-    """Pairs and their largest differences, of linear levels and at finite strain."""
-    pairs = "{} pairs differ by up to {} um and {} levels"
-    rubber = one(output, f"FiniteStrain: {pairs}")
-    linear = [numbers for level in ("Paper", "Draft", "Standard", "High", "Reference") for numbers in scan(output.text, f"{level}: {pairs}")]
+    """Pairs and their largest differences, of linear levels and at finite strain, which comes last."""
+    *linear, rubber = scan(output.text, "{} pairs differ by up to {} um and {} levels")
     return [sum(numbers[0] for numbers in linear), *[max(numbers[index] for numbers in linear) for index in (1, 2)], *rubber]
 
 
@@ -942,7 +940,12 @@ STABILITY_FIGURES = [
         MILLIONTH,
         each(change("surface_um", "a millionth, "), change("image_levels", "a millionth, ")),
     ),
-    summed("| {} pairs | surface within {<} um, image within {<} level; {} more at `finite-strain` within {<} um and {<} levels |", MIRRORED, mirrored, tolerance=0.0),
+    summed(
+        "| {} pairs | surface within {<} um, image within {<} level; {} more at `finite-strain` within {<} um and {<} levels |",
+        MIRRORED,
+        mirrored,
+        tolerance=0.0,
+    ),
     summed(
         "| contact begins, steps of 0.025 um | light {} levels, image {<} level |",
         "sweeps::first_contact_comes_gradually",
