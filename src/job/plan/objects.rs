@@ -6,13 +6,14 @@ use std::sync::Arc;
 
 use super::check::JobChecker;
 use super::geometry::Geometry;
+use super::mesh_facts::MeshFacts;
 use super::meshes::{MeshPart, ObjectFile, read_mesh_files};
 use super::naming;
 use super::object_sampler::{ObjectSampler, WeightedSampler};
 use super::paths::{OBJECTS, find_files, resolve_folders};
 use super::{files, object_notes};
 use crate::config::Job;
-use crate::config::dataset::{ObjectOrder, SplitBy};
+use crate::config::dataset::{Dataset, ObjectOrder, SplitBy};
 use crate::config::object::{Object as Entry, OnBad, Parts, Unit};
 use crate::config::scene::Face;
 use crate::inspection::findings::{self, MeshFinding};
@@ -24,9 +25,10 @@ use gelsim_core::mesh::CleanupReport;
 use gelsim_core::mesh::cleaning::LARGEST_MM;
 use gelsim_core::pose::Side;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Severity};
-use gelsim_files::mesh;
+use gelsim_files::mesh::{self, MeshFileError};
 use gelsim_files::number_format::format_number;
 use gelsim_files::sensor::quantity::Quantity;
+use gelsim_files::source::SourceSpan;
 use gelsim_files::spelling::find_nearest_name;
 
 /// An object that is ready to be pressed.
@@ -78,49 +80,13 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
     }
     let mut meshes: Vec<ObjectFile> = Vec::new();
     let mut unread = 0;
-    for (i, entry) in job.object.iter_mut().enumerate() {
-        let path = |key: &str| format!("object.{i}.{key}");
-        resolve_folders(check, &path("packages"), &mut entry.packages);
-        let entry = &*entry;
-        check.require_in_range(&path("weight"), entry.weight, 0.0..=1e9, "");
-        if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
-            check.report_error(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
-        }
-        check.require_quantity_in_range(&path("scale"), &entry.scale, 1e-3..=1e3, "");
-        check_lengths(check, i, entry);
-        if let Some(split) = entry.split {
-            if job.dataset.split_by != SplitBy::Object {
-                let help = "write split_by = \"object\" under [dataset]: whole objects go to one split then";
-                check.report_error(
-                    &path("split"),
-                    "samples are divided between the splits, whatever their object",
-                    help,
-                );
-            } else if job.dataset.splits.shares()[split.number()] <= 0.0 {
-                let message = format!("no sample is in the split `{}`", split.name());
-                let help = format!(
-                    "give it a share under [dataset], such as splits = {{ train = 0.9, {} = 0.1 }}",
-                    split.name()
-                );
-                check.report_error(&path("split"), message, help);
-            }
-        }
-        match &entry.path {
-            None => {
-                check.report_missing(
-                    &path("path"),
-                    &format!("a mesh file: {}; or a height map: .png, .npy, .npz or .exr", mesh::ENDINGS),
-                );
-                unread += 1;
-            }
-            Some(written) => match find_files(check, &path("path"), written, &OBJECTS) {
-                Ok(found) => {
-                    check_height_maps(check, i, entry, &found);
-                    let folder = check.document.folder_of(&path("path"));
-                    meshes.extend(found.into_iter().map(|path| ObjectFile::new(i, path, entry, folder)));
-                }
-                Err(count) => unread += count,
-            },
+    for i in 0..job.object.len() {
+        resolve_folders(check, &format!("object.{i}.packages"), &mut job.object[i].packages);
+        let entry = &job.object[i];
+        check_entry(check, i, entry, &job.dataset);
+        match find_object_files(check, i, entry) {
+            Ok(found) => meshes.extend(found),
+            Err(count) => unread += count,
         }
     }
     if !job.object.is_empty() && job.object.iter().all(|entry| entry.weight == 0.0) {
@@ -143,144 +109,231 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
     let (classes, meshes): (Vec<_>, Vec<_>) = classes.into_iter().zip(meshes).filter(|(_, file)| known(file)).unzip();
     unread += named - meshes.len();
     let pad = SensorPad::new(&job.sensor);
-    // The places of the keys that name the objects.
-    let places: Vec<_> = (0..job.object.len()).map(|i| check.document.place_of(&format!("object.{i}.path"))).collect();
-    let place = |i: usize| places[i];
-    let (found, not_remembered) = read_mesh_files(job, &meshes, &pad);
+    let (read, not_remembered) = read_mesh_files(job, &meshes, &pad);
     notes.extend(not_remembered);
-    let mut entries: Vec<Entry> = Vec::new();
-    let mut objects: Vec<PreparedObject> = Vec::new();
-    let mut left_out = None;
-    for ((file, of_file), class) in meshes.iter().zip(found).zip(classes) {
-        let ObjectFile { entry: i, path, label } = file;
-        let entry = &job.object[*i];
-        let parts = match &*of_file {
-            Ok(parts) => parts,
-            Err(error) if entry.on_bad == OnBad::Skip => {
-                let skipped = Diagnostic::warning(format!("left out: {error}")).help(error.help()).at(place(*i));
-                notes.push(skipped.about(error.to_string(), format!("{} and are left out", error.plural_cause())));
-                left_out.get_or_insert((*i, error.to_string()));
-                continue;
-            }
-            Err(error) => {
-                let help = match meshes.len() {
-                    1 => error.help(),
-                    _ => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
-                };
-                let problem = Diagnostic::new(error.to_string()).help(help).at(place(*i));
-                check.problems.push(problem.about(error.to_string(), error.plural_cause()));
-                unread += 1;
-                continue;
-            }
+    let mut loader = ObjectLoader {
+        check,
+        notes,
+        job,
+        pad,
+        textures,
+        is_only_file: meshes.len() == 1,
+        entries: Vec::new(),
+        objects: Vec::new(),
+        left_out: None,
+        unread,
+    };
+    for ((file, parts), class) in meshes.iter().zip(&read).zip(&classes) {
+        match &**parts {
+            Ok(parts) => loader.add_file(file, parts, class),
+            Err(error) => loader.report_unreadable(file.entry, error),
+        }
+    }
+    let (entries, found) = loader.finish();
+    job.object = entries;
+    found
+}
+
+/// Checks the keys of the `[[object]]` with this index that do not depend on its files.
+fn check_entry(check: &mut JobChecker<'_>, i: usize, entry: &Entry, dataset: &Dataset) {
+    let path = |key: &str| format!("object.{i}.{key}");
+    check.require_in_range(&path("weight"), entry.weight, 0.0..=1e9, "");
+    if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
+        check.report_error(&path("class"), "a class needs 1 to 255 bytes", "or leave `class` out: the file's stem");
+    }
+    check.require_quantity_in_range(&path("scale"), &entry.scale, 1e-3..=1e3, "");
+    check_lengths(check, i, entry);
+    let Some(split) = entry.split else { return };
+    if dataset.split_by != SplitBy::Object {
+        let message = "samples are divided between the splits, whatever their object";
+        let help = "write split_by = \"object\" under [dataset]: whole objects go to one split then";
+        check.report_error(&path("split"), message, help);
+    } else if dataset.splits.shares()[split.number()] <= 0.0 {
+        let message = format!("no sample is in the split `{}`", split.name());
+        let example = format!("splits = {{ train = 0.9, {} = 0.1 }}", split.name());
+        let help = format!("give it a share under [dataset], such as {example}");
+        check.report_error(&path("split"), message, help);
+    }
+}
+
+/// Finds the files of the `[[object]]` with this index. An error, which was reported, is how many there may be.
+fn find_object_files(check: &mut JobChecker<'_>, i: usize, entry: &Entry) -> Result<Vec<ObjectFile>, usize> {
+    let path = format!("object.{i}.path");
+    let Some(written) = &entry.path else {
+        let help = format!("a mesh file: {}; or a height map: .png, .npy, .npz or .exr", mesh::ENDINGS);
+        check.report_missing(&path, &help);
+        return Err(1);
+    };
+    let found = find_files(check, &path, written, &OBJECTS)?;
+    check_height_maps(check, i, entry, &found);
+    let folder = check.document.folder_of(&path);
+    Ok(found.into_iter().map(|path| ObjectFile::new(i, path, entry, folder)).collect())
+}
+
+/// Gathers the objects of a job from its files, one after the other.
+struct ObjectLoader<'a, 'd> {
+    check: &'a mut JobChecker<'d>,
+    notes: &'a mut Diagnostics,
+    job: &'a Job,
+    pad: SensorPad,
+    /// Patterns of each table's own texture.
+    textures: Vec<Option<Vec<Arc<Relief>>>>,
+    is_only_file: bool,
+    /// The table of each object.
+    entries: Vec<Entry>,
+    objects: Vec<PreparedObject>,
+    /// The first mesh that is left out: its table, and why.
+    left_out: Option<(usize, String)>,
+    unread: usize,
+}
+
+impl ObjectLoader<'_, '_> {
+    /// Returns the place of the key that names the files of a table.
+    fn place(&self, i: usize) -> Option<SourceSpan> {
+        self.check.document.place_of(&format!("object.{i}.path"))
+    }
+
+    /// Reports that a file cannot be used, or leaves it out where its table says so.
+    fn report_unreadable(&mut self, i: usize, error: &MeshFileError) {
+        let message = error.to_string();
+        if self.job.object[i].on_bad == OnBad::Skip {
+            let skipped = Diagnostic::warning(format!("left out: {message}")).help(error.help()).at(self.place(i));
+            self.notes.push(skipped.about(message.clone(), format!("{} and are left out", error.plural_cause())));
+            self.left_out.get_or_insert((i, message));
+            return;
+        }
+        let help = match self.is_only_file {
+            true => error.help(),
+            false => format!("{}; on_bad = \"skip\" leaves out all such meshes", error.help()),
         };
-        let meant = |part: &&MeshPart| entry.part.is_none() || part.facts.name == entry.part;
-        if let Some(wanted) = entry.part.as_ref().filter(|_| !parts.iter().any(|part| meant(&part))) {
+        let problem = Diagnostic::new(message.clone()).help(help).at(self.place(i));
+        self.check.problems.push(problem.about(message, error.plural_cause()));
+        self.unread += 1;
+    }
+
+    /// Adds the parts of a file that its table means.
+    fn add_file(&mut self, file: &ObjectFile, parts: &[MeshPart], class: &str) {
+        let wanted = self.job.object[file.entry].part.as_ref();
+        let meant = |part: &&MeshPart| wanted.is_none() || part.facts.name.as_ref() == wanted;
+        if let Some(wanted) = wanted.filter(|_| !parts.iter().any(|part| meant(&part))) {
             let names: Vec<&str> = parts.iter().filter_map(|part| part.facts.name.as_deref()).take(20).collect();
-            let message = format!("{} has no part `{}`", path.display(), wanted.escape_debug());
+            let message = format!("{} has no part `{}`", file.path.display(), wanted.escape_debug());
             let help = match (names.is_empty(), find_nearest_name(wanted, names.iter().copied())) {
                 (true, _) => String::from("it has no parts: leave `part` out"),
                 (false, Some(near)) => format!("did you mean part = {near:?}? Its parts: {}", names.join(", ")),
                 (false, None) => format!("its parts: {}; leave `part` out for all of them", names.join(", ")),
             };
-            check.report_error(&format!("object.{i}.part"), message, help);
-            unread += 1;
+            self.check.report_error(&format!("object.{}.part", file.entry), message, help);
+            self.unread += 1;
         }
-        for MeshPart { facts: part, geometry } in parts.iter().filter(meant) {
-            let name = &part.name;
-            let of_part = |text: &str| name.as_ref().map_or(text.to_owned(), |name| format!("{text}/{name}"));
-            let shown = of_part(&path.to_string_lossy());
-            if let Some(left_out) = (CleanupReport { non_finite_vertices: 0, ..part.cleaned }).warning() {
-                let info = Diagnostic::info(format!("{shown}: {left_out}")).at(place(*i));
-                notes.push(info.about(format!("{shown} ({left_out})"), "meshes have triangles that were left out"));
-            }
-            let mut said: Vec<_> = part.remarks.iter().map(findings::report_remark).collect();
-            said.extend(findings::report_slow(part.rows_per_capture));
-            let scale = entry.size_factor(part.size.largest_extent_mm());
-            let mut size = part.size.scaled(&scale, &pad);
-            if entry.length_mm.is_some() {
-                size.known_from = Some(SizeSource::LengthMm);
-            }
-            said.extend(findings::inspect_mesh(&size, &part.cleaned, &pad));
-            let is_doubted = said.iter().any(MeshFinding::doubts_the_size);
-            for finding in said {
-                let found = finding.to_diagnostic(&shown).at(place(*i));
-                match finding.severity {
-                    Severity::Error => check.problems.push(found),
-                    _ => notes.push(found),
-                }
-            }
-            // If the size is doubted, other notes would be wrong.
-            if !is_doubted {
-                let of_job = object_notes::collect_object_notes(&shown, job, &scale, part);
-                notes.extend(of_job.into_iter().map(|note| note.at(place(*i))));
-            }
-            if let Some(expected) = &entry.sha256
-                && *expected != part.sha256
-            {
-                let message = format!("{} has changed: its SHA-256 is {}", path.display(), part.sha256);
-                check.report_error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
-            }
-            let most = part.size.largest_extent_mm() * scale.support().1;
-            if most > LARGEST_MM && entry.scale != Quantity::Constant(1.0) {
-                let message = format!("{shown} may be {} mm long under this scale", format_number(most));
-                check.report_error(
-                    &format!("object.{i}.scale"),
-                    message,
-                    format!("allowed: up to {LARGEST_MM:.0e} mm"),
-                );
-            }
-            let class = entry.class.clone().unwrap_or_else(|| of_part(&class));
-            // If the format states its unit, the key stays empty.
-            let unit = match entry.unit {
-                None if !part.knows_its_unit && entry.length_mm.is_none() => Some(Unit::Mm),
-                unit => unit,
-            };
-            entries.push(Entry {
-                unit,
-                path: Some(path.to_string_lossy().into_owned()),
-                label_path: Some(label.clone()),
-                class: Some(class.clone()),
-                class_from: None,
-                parts: Parts::default(),
-                part: name.clone(),
-                packages: part.packages.clone(),
-                on_bad: OnBad::default(),
-                sha256: Some(part.sha256.clone()),
-                ..entry.clone()
-            });
-            // An invalid weight was reported above; the object still counts.
-            let weight = if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 };
-            let id = naming::object_name(&path.to_string_lossy(), name.as_deref());
-            objects.push(PreparedObject {
-                id,
-                class,
-                path: label.clone(),
-                part: name.clone(),
-                sha256: part.sha256.clone(),
-                weight,
-                richest_side: part.richest_side,
-                scale,
-                table_index: *i,
-                split: entry.split,
-                geometry: geometry.clone(),
-                textures: textures[*i].clone(),
-            });
+        for part in parts.iter().filter(meant) {
+            self.inspect_part(file, &part.facts);
+            self.add_part(file, part, class);
         }
     }
-    if let Some((i, error)) = left_out.filter(|_| objects.is_empty() && unread == 0) {
-        let message = format!("all meshes are left out, the first because of {error}");
-        check.report_error(
-            &format!("object.{i}.path"),
-            message,
-            "name a mesh that can be read: gelsim inspect tells them apart",
-        );
+
+    /// Says what is remarkable about a part, and whether it is what the job says.
+    fn inspect_part(&mut self, file: &ObjectFile, part: &MeshFacts) {
+        let (i, entry) = (file.entry, &self.job.object[file.entry]);
+        let place = self.place(i);
+        let shown = name_part(&file.path.to_string_lossy(), part);
+        if let Some(left_out) = (CleanupReport { non_finite_vertices: 0, ..part.cleaned }).warning() {
+            let info = Diagnostic::info(format!("{shown}: {left_out}")).at(place);
+            self.notes.push(info.about(format!("{shown} ({left_out})"), "meshes have triangles that were left out"));
+        }
+        let mut said: Vec<_> = part.remarks.iter().map(findings::report_remark).collect();
+        said.extend(findings::report_slow(part.rows_per_capture));
+        let scale = entry.size_factor(part.size.largest_extent_mm());
+        let mut size = part.size.scaled(&scale, &self.pad);
+        if entry.length_mm.is_some() {
+            size.known_from = Some(SizeSource::LengthMm);
+        }
+        said.extend(findings::inspect_mesh(&size, &part.cleaned, &self.pad));
+        let is_doubted = said.iter().any(MeshFinding::doubts_the_size);
+        for finding in said {
+            let found = finding.to_diagnostic(&shown).at(place);
+            match finding.severity {
+                Severity::Error => self.check.problems.push(found),
+                _ => self.notes.push(found),
+            }
+        }
+        // If the size is doubted, other notes would be wrong.
+        if !is_doubted {
+            let of_job = object_notes::collect_object_notes(&shown, self.job, &scale, part);
+            self.notes.extend(of_job.into_iter().map(|note| note.at(place)));
+        }
+        if let Some(expected) = &entry.sha256
+            && *expected != part.sha256
+        {
+            let message = format!("{} has changed: its SHA-256 is {}", file.path.display(), part.sha256);
+            self.check.report_error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
+        }
+        let most = part.size.largest_extent_mm() * scale.support().1;
+        if most > LARGEST_MM && entry.scale != Quantity::Constant(1.0) {
+            let message = format!("{shown} may be {} mm long under this scale", format_number(most));
+            let help = format!("allowed: up to {LARGEST_MM:.0e} mm");
+            self.check.report_error(&format!("object.{i}.scale"), message, help);
+        }
     }
-    let names = objects.iter().map(|object| object.id.clone()).collect();
-    for (object, id) in objects.iter_mut().zip(make_unique_ids(names)) {
-        object.id = id;
+
+    /// Adds a part as an object.
+    fn add_part(&mut self, file: &ObjectFile, MeshPart { facts, geometry }: &MeshPart, class: &str) {
+        let (i, entry) = (file.entry, &self.job.object[file.entry]);
+        let path = file.path.to_string_lossy();
+        let class = entry.class.clone().unwrap_or_else(|| name_part(class, facts));
+        // If the format states its unit, the key stays empty.
+        let unit = match entry.unit {
+            None if !facts.knows_its_unit && entry.length_mm.is_none() => Some(Unit::Mm),
+            unit => unit,
+        };
+        self.entries.push(Entry {
+            unit,
+            path: Some(path.to_string()),
+            label_path: Some(file.label.clone()),
+            class: Some(class.clone()),
+            class_from: None,
+            parts: Parts::default(),
+            part: facts.name.clone(),
+            packages: facts.packages.clone(),
+            on_bad: OnBad::default(),
+            sha256: Some(facts.sha256.clone()),
+            ..entry.clone()
+        });
+        self.objects.push(PreparedObject {
+            id: naming::object_name(&path, facts.name.as_deref()),
+            class,
+            path: file.label.clone(),
+            part: facts.name.clone(),
+            sha256: facts.sha256.clone(),
+            // An invalid weight was reported; the object still counts.
+            weight: if (0.0..).contains(&entry.weight) { entry.weight } else { 1.0 },
+            richest_side: facts.richest_side,
+            scale: entry.size_factor(facts.size.largest_extent_mm()),
+            table_index: i,
+            split: entry.split,
+            geometry: geometry.clone(),
+            textures: self.textures[i].clone(),
+        });
     }
-    job.object = entries;
-    FoundObjects { objects, unread }
+
+    /// Returns the tables of the objects, and the objects under unique names.
+    fn finish(mut self) -> (Vec<Entry>, FoundObjects) {
+        if let Some((i, error)) = self.left_out.filter(|_| self.objects.is_empty() && self.unread == 0) {
+            let message = format!("all meshes are left out, the first because of {error}");
+            let help = "name a mesh that can be read: gelsim inspect tells them apart";
+            self.check.report_error(&format!("object.{i}.path"), message, help);
+        }
+        let names = self.objects.iter().map(|object| object.id.clone()).collect();
+        for (object, id) in self.objects.iter_mut().zip(make_unique_ids(names)) {
+            object.id = id;
+        }
+        (self.entries, FoundObjects { objects: self.objects, unread: self.unread })
+    }
+}
+
+/// Returns a name of a file, with that of the part behind it if there is one.
+fn name_part(file: &str, part: &MeshFacts) -> String {
+    part.name.as_ref().map_or(file.to_owned(), |name| format!("{file}/{name}"))
 }
 
 /// Describes which sides `face = "auto"` presses: those of the first few objects, and the number of the others.
