@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from gelsim import vectors
 from gelsim._native import UsageError
+from gelsim.checks import kind
 from gelsim.needed import need
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ def collate(samples: Sequence[Sample]) -> dict[str, Any]:
     Of grips, `left` and `right` are such batches, of each finger by itself.
     Sequences are padded with zeros to the longest: arrays are (N, T, ...), bool `mask` (N, T) is true for a frame that is
     there. Layers of different sizes stay lists. `collate_torch` gives tensors.
+
+    UsageError for samples or frames of different layers, and for samples without their label.
     """
     return batch_of(samples, lambda array: array)
 
@@ -36,17 +39,9 @@ def collate_torch(samples: Sequence[Sample]) -> dict[str, Any]:
 
 def batch_of(samples: Sequence[Sample], tensor: Callable[[Any], Any]) -> dict[str, Any]:
     """A batch whose arrays go through `tensor`."""
-    if len(samples) == 0:
-        raise UsageError("samples is empty: a batch needs at least one")
+    each = checked(samples)
     numpy = need("numpy")
-    names = list(samples[0])
-    for sample in samples:
-        if set(sample) != set(names):
-            raise UsageError(
-                f"samples have different layers: one has {sorted(names)}, one {sorted(sample)}; give those of one dataset, "
-                "or keep the layers that all have"
-            )
-    each: list[dict[str, Any]] = [dict(sample) for sample in samples]
+    names = list(each[0])
     rows = [vectors.parts(sample["label"]) for sample in each]
     batch: dict[str, Any]
     if vectors.has_fingers(each[0]["label"]):
@@ -66,6 +61,39 @@ def batch_of(samples: Sequence[Sample], tensor: Callable[[Any], Any]) -> dict[st
         if name in names:
             batch[name] = [sample[name] for sample in each]
     return batch
+
+
+def checked(samples: Any) -> list[dict[str, Any]]:
+    """Samples that fit each other; refuses what are none."""
+    if isinstance(samples, (Mapping, str, bytes)) or not hasattr(samples, "__len__"):
+        raise TypeError(f"samples is {kind(samples)}; give a list of samples, as [dataset[0], dataset[1]]")
+    if len(samples) == 0:
+        raise UsageError("samples is empty: a batch needs at least one")
+    each: list[dict[str, Any]] = []
+    for sample in samples:
+        if not isinstance(sample, Mapping):
+            raise TypeError(f"an item of samples is {kind(sample)}; give dicts, as Job, load and Impression.sample make them")
+        each.append(dict(sample))
+    check_layers("samples", each)
+    for sample in each:
+        if not isinstance(sample.get("label"), Mapping):
+            raise UsageError("samples have no label, of which pose and wrench are made; keep `label` as it is")
+        told = len(sample["label"].get("frames", []))
+        if "frames" in sample and not 0 < len(sample["frames"]) == told:
+            said = f"a sample has {len(sample['frames'])} frames, and its label {told}"
+            raise UsageError(f"{said}; keep at least one, and leave the same out of both")
+    check_layers("frames", [frame for sample in each for frame in sample.get("frames", [])])
+    return each
+
+
+def check_layers(what: str, parts: list[dict[str, Any]]) -> None:
+    """Refuses samples, or their frames, of which some have layers that others lack."""
+    for part in parts:
+        if set(part) != set(parts[0]):
+            raise UsageError(
+                f"{what} have different layers: one has {sorted(parts[0])}, one {sorted(part)}; give those of one dataset, "
+                "or keep the layers that all have"
+            )
 
 
 def of_finger(grip: dict[str, Any], finger: str) -> Any:
@@ -111,11 +139,11 @@ def sequences(each: list[list[dict[str, Any]]], tensor: Callable[[Any], Any]) ->
     batch: dict[str, Any] = {}
     for name in each[0][0]:
         frames = [[frame[name] for frame in one] for one in each]
-        plain = [isinstance(value, numpy.ndarray) for one in frames for value in one]
-        if all(plain) and len({value.shape for one in frames for value in one}) == 1:
+        arrays = all(isinstance(value, numpy.ndarray) for one in frames for value in one)
+        if arrays and len({value.shape for one in frames for value in one}) == 1:
             batch[name] = tensor(padded([numpy.stack(one) for one in frames]))
         else:
-            batch[name] = frames
+            batch[name] = [[tensor(value) for value in one] for one in frames] if arrays else frames
     longest = max(map(len, each))
     batch["mask"] = tensor(numpy.array([[number < len(one) for number in range(longest)] for one in each]))
     return batch

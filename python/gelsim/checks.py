@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from typing import Any, Optional
 
@@ -10,6 +11,9 @@ from gelsim._native import UsageError
 
 MOST_ITEMS = 10_000
 """No list that is no array has more."""
+
+LONGEST_PATH = 4096
+"""Characters of a path."""
 
 LONGEST_SHOWN = 60
 """Characters of a value in a message."""
@@ -45,6 +49,17 @@ def shown(value: object) -> str:
     """A number or text, as short as a message wants it."""
     text = repr(value)
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def path_text(given: Any, of: str) -> str:
+    """A path as text; `of` says of what."""
+    honest("path", given)
+    text = os.fspath(given) if isinstance(given, (str, os.PathLike)) else given
+    if not isinstance(text, str):
+        raise TypeError(f"path is {kind(text)}; give a path: a text or a pathlib.Path")
+    if len(text) > LONGEST_PATH or "\0" in text:
+        raise UsageError(f"path is no path: give that of {of}")
+    return text
 
 
 class Checks:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import accumulate
 from operator import index as as_index
 from os import PathLike
@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Optional, SupportsIn
 
 from gelsim import shards, vectors
 from gelsim._native import UsageError
-from gelsim.checks import items, kind
+from gelsim.checks import items, kind, path_text
+from gelsim.lazy import lazy
 from gelsim.needed import need_all
 from gelsim.shards import Entry, Files, Index, damaged
 
@@ -69,7 +70,7 @@ def load(
     Raises UsageError for a folder that is none or is not complete, with a way out, and for a layer that is not there; shards are
     looked at when a sample is asked for.
     """
-    of = SensorSet if (Path(path) / SET_FILE).is_file() else Dataset
+    of = SensorSet if os.path.isfile(folder_of(path) / SET_FILE) else Dataset
     return of(path, split, transform=transform, layers=layers)
 
 
@@ -92,7 +93,7 @@ class Dataset(Generic[S]):
         need_all(["numpy", "PIL.Image"])
         if transform is not None and not callable(transform):
             raise TypeError(f"transform is {kind(transform)}; give a function that takes a sample")
-        self.path = Path(path)
+        self.path = folder_of(path)
         manifest = read_manifest(self.path)
         self.manifest: dict[str, Any] = manifest
         """`dataset.json`."""
@@ -109,6 +110,8 @@ class Dataset(Generic[S]):
         order = [shard["split"] for shard in manifest["shards"]]
         self.splits: dict[str, int] = {each: manifest["splits"][each] for each in [*order, *manifest["splits"]]}
         """Samples of each split of the folder."""
+        if not (split is None or isinstance(split, str)):
+            raise UsageError(f"split is {kind(split)}; give one of {', '.join(map(repr, self.splits))}, or leave it out for all")
         if split is not None and split not in self.splits:
             raise UsageError(f"{self.path}: no split {split!r}; it has {', '.join(map(repr, self.splits))}")
         self.split = split
@@ -138,7 +141,11 @@ class Dataset(Generic[S]):
 
     def raw(self, index: SupportsIndex) -> Raw:
         """The files of sample `index`, not decoded."""
-        number = as_index(index)
+        try:
+            number = as_index(index)
+        except TypeError as error:
+            several = "for several write [dataset[number] for number in range(3)]"
+            raise TypeError(f"index is {kind(index)}; give a whole number; {several}") from error
         if not -len(self) <= number < len(self):
             raise IndexError(f"sample {number}: there are 0 to {len(self) - 1}")
         number %= len(self)
@@ -173,7 +180,7 @@ class SensorSet(Dataset[S]):
         layers: Optional[Sequence[str]] = None,
     ) -> None:
         """See `load`."""
-        root = Path(path)
+        root = folder_of(path)
         self.set: dict[str, Any] = read_set(root)
         """`sensors.json`."""
         folders = [each["folder"] for each in self.set["sensors"]]
@@ -264,7 +271,7 @@ class Raw:
         """Its frames; 1 of a press or a grip."""
         return int(self.label["sequence"]["frames"]) if "sequence" in self.label else 1
 
-    @cached_property
+    @lazy
     def pads(self) -> list[Pad]:
         """Its sensors: one, or the fingers of a gripper, left and right."""
         frames = self.label["frames"] if "sequence" in self.label else [self.label]
@@ -310,6 +317,11 @@ class Raw:
         except Exception as error:  # decoders raise what they please for damaged files
             where = f"frame {number} of " if "sequence" in self.label else ""
             raise damaged(self.shard, f"{where}{self.files.key}: {suffix}: {error}") from None
+
+
+def folder_of(path: Union[str, PathLike[str]]) -> Path:
+    """A folder, which is the same one when the process goes to another."""
+    return Path(path_text(path, "a folder")).absolute()
 
 
 def read_manifest(path: Path) -> dict[str, Any]:

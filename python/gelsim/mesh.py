@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import warnings
 from os import PathLike
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Optional, Protocol, Union
 
 from gelsim import _native
 from gelsim._native import ReadyMesh, UsageError
-from gelsim.checks import Checks, honest, kind
+from gelsim.checks import Checks, honest, kind, path_text
 from gelsim.needed import need
 
 if TYPE_CHECKING:
@@ -34,7 +35,8 @@ class Mesh:
     gear = gelsim.Mesh.of(trimesh.load("gear.obj"))          # anything with vertices and faces
     ```
 
-    It is cleaned: triangles without area, doubles and corners that are not finite go, with a warning. It can be pickled.
+    It is cleaned: triangles without area, doubles and corners that are not finite go, with a warning. It can be pickled: of a mesh that
+    was loaded another process reads the file again, and refuses it if it has changed.
     """
 
     def __init__(self, vertices_mm: ArrayLike, faces: ArrayLike, *, name: str = "mesh") -> None:
@@ -66,17 +68,10 @@ class Mesh:
         `mm_per_unit` is what a coordinate of 1 is: 1000 for a file in metres. Without it a coordinate is what the file or its
         format says, else a millimetre. UsageError for what is no mesh, with a way out.
         """
-        honest("path", path)
-        if not isinstance(path, (str, PathLike)):
-            raise TypeError(f"path is {kind(path)}; give a path: a text or a pathlib.Path")
+        text = path_text(path, "a mesh file")
         checks = Checks()
         unit = checks.optional("mm_per_unit", mm_per_unit, 1e-9, 1e9)
         checks.done()
-        text = os.fspath(path)
-        if not isinstance(text, str):
-            raise TypeError(f"path is {kind(text)}; give a path: a text or a pathlib.Path")
-        if len(text) > 4096 or "\0" in text:
-            raise UsageError("path is no path: give that of a mesh file")
         try:
             text.encode()
         except UnicodeEncodeError:
@@ -117,6 +112,12 @@ class Mesh:
         size = " x ".join(f"{high - low:.4g}" for low, high in zip(*self.bounds_mm))
         return f'<gelsim.Mesh "{self.name}": {self.triangles} triangles, {size} mm>'
 
+    def __copy__(self) -> Mesh:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Mesh:
+        return self
+
     def __reduce__(self) -> tuple[Any, ...]:
         return self._rebuild[0], self._rebuild[1:]
 
@@ -130,13 +131,27 @@ def mesh_of_file(path: str, mm_per_unit: Optional[float]) -> tuple[Mesh, list[st
     mesh = Mesh.__new__(Mesh)
     mesh._ready, said = _native.mesh_of_file(path, mm_per_unit)
     mesh._name = os.path.splitext(os.path.basename(path))[0]
-    mesh._rebuild = (reread, os.path.abspath(path), mm_per_unit)
+    mesh._rebuild = (reread, os.path.abspath(path), mm_per_unit, sha256(path))
     return mesh, said
 
 
-def reread(path: str, mm_per_unit: Optional[float]) -> Mesh:
+def reread(path: str, mm_per_unit: Optional[float], expected: Optional[str] = None) -> Mesh:
     """A file's mesh in another process; what there is to warn of was said."""
-    return mesh_of_file(path, mm_per_unit)[0]
+    mesh, _ = mesh_of_file(path, mm_per_unit)
+    if expected is not None and mesh._rebuild[-1] != expected:
+        raise UsageError(f"{path} has changed since it was read; restore it, or read it again with gelsim.Mesh.load")
+    return mesh
+
+
+def sha256(path: str) -> Optional[str]:
+    """Of a file's bytes; None of what is no file, such as a pipe, which can be read once."""
+    if not os.path.isfile(path):
+        return None
+    found = hashlib.sha256()
+    with open(path, "rb") as file:
+        while part := file.read(1 << 20):
+            found.update(part)
+    return found.hexdigest()
 
 
 def mesh_of_arrays(vertices_mm: Any, faces: Any, name: str) -> Mesh:

@@ -76,7 +76,7 @@ class Sample(TypedDict, total=False):
 
 
 class Batch(TypedDict, total=False):
-    """Several samples: arrays have them as their first axis, labels and markers are lists."""
+    """Several samples of `Sensor.render`: arrays have them as their first axis, labels, markers and pins are lists."""
 
     tactile: NDArray[np.uint8]
     depth: NDArray[np.float32]
@@ -89,6 +89,7 @@ class Batch(TypedDict, total=False):
     pins: list[Pins]
     reference: NDArray[np.uint8]
     lamps: NDArray[np.float32]
+    instance: NDArray[np.uint8]
     flow: NDArray[np.float32]
     traction: NDArray[np.float32]
     points: NDArray[np.float32]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union, cast
 
 from gelsim import vectors
 from gelsim._native import Engine, Pressing, Sensor, UsageError, step_all
 from gelsim.checks import Checks, honest, items, kind
+from gelsim.lazy import lazy
 from gelsim.mesh import HasMesh, Mesh
 from gelsim.needed import need
 from gelsim.scene import Placement, Pose, Shear, Texture
@@ -28,7 +28,7 @@ Indenter = Union[
 
 LAYERS = (
     "depth", "surface", "contact", "normal", "pressure", "gap", "markers", "pins", "reference", "lamps", "slip", "flow", "traction",
-    "points", "untouched",
+    "points", "instance", "untouched",
 )  # fmt: skip
 """The layers of an impression beside its image."""
 
@@ -54,104 +54,110 @@ class Impression:
         self.frame: Optional[int] = pressing.frame
         """Number of the frame in its sequence, from 0; None of a single press."""
 
-    @cached_property
+    @lazy
     def image(self) -> NDArray[np.uint8]:
         """(H, W, 3): the tactile image, red, green, blue. Datasets call it `tactile`."""
         found: NDArray[np.uint8] = self._source.image()
         return found
 
-    @cached_property
+    @lazy
     def depth(self) -> NDArray[np.float32]:
         """(H, W): how far the object reaches below the untouched pad, mm; 0 where it does not."""
         found: NDArray[np.float32] = self._source.layer("depth")
         return found
 
-    @cached_property
+    @lazy
     def surface(self) -> NDArray[np.float32]:
         """(H, W): displacement of the pad's surface, mm, positive into the pad, towards the camera."""
         found: NDArray[np.float32] = self._source.layer("surface")
         return found
 
-    @cached_property
+    @lazy
     def contact(self) -> NDArray[np.uint8]:
         """(H, W): 255 where the pad touches the object, 0 elsewhere."""
         found: NDArray[np.uint8] = self._source.layer("contact")
         return found
 
-    @cached_property
+    @lazy
     def normal(self) -> NDArray[np.float32]:
         """(H, W, 3): unit normals x, y, z of the pad's surface, towards the camera: (0, 0, -1) where it is flat."""
         found: NDArray[np.float32] = self._source.layer("normal")
         return found
 
-    @cached_property
+    @lazy
     def gap(self) -> NDArray[np.float32]:
         """(H, W): clearance between the pad's surface and the object, mm; -1 where no object is within reach."""
         found: NDArray[np.float32] = self._source.layer("gap")
         return found
 
-    @cached_property
+    @lazy
     def points(self) -> NDArray[np.float32]:
         """(H, W, 3): the point of the pad's surface that each pixel shows, mm in the sensor's frame."""
         found: NDArray[np.float32] = self._source.layer("points")
         return found
 
-    @cached_property
+    @lazy
+    def instance(self) -> NDArray[np.uint8]:
+        """(H, W): the number of the object that the pad touches, 1 as there is one alone; 0 elsewhere."""
+        found: NDArray[np.uint8] = self._source.layer("instance")
+        return found
+
+    @lazy
     def reference(self) -> NDArray[np.uint8]:
         """(H, W, 3): the image without contact."""
         found: NDArray[np.uint8] = self._source.layer("reference")
         return found
 
-    @cached_property
+    @lazy
     def untouched(self) -> Optional[NDArray[np.uint8]]:
         """(H, W, 3): the image without contact with noise of its own; None on sensors whose pins differ from sample to sample."""
         found: Optional[NDArray[np.uint8]] = self._source.layer("untouched")
         return found
 
-    @cached_property
+    @lazy
     def pressure(self) -> Optional[NDArray[np.float32]]:
         """(H, W): pressure between pad and object, kPa; None at `paper`, which knows none."""
         found: Optional[NDArray[np.float32]] = self._source.layer("pressure")
         return found
 
-    @cached_property
+    @lazy
     def flow(self) -> Optional[NDArray[np.float32]]:
         """(H, W, 2): motion of the pad's surface to the right and down, mm; of sensors with markers, or with `flow=True`."""
         found: Optional[NDArray[np.float32]] = self._source.layer("flow")
         return found
 
-    @cached_property
+    @lazy
     def traction(self) -> Optional[NDArray[np.float32]]:
         """(H, W, 3): force of the object on the pad by area, kPa: to the right, down, into the pad; None at `paper`. Friction of a
         single press is in it on sensors with markers, or with `flow=True`."""
         found: Optional[NDArray[np.float32]] = self._source.layer("traction")
         return found
 
-    @cached_property
+    @lazy
     def markers(self) -> Optional[Markers]:
         """Where the printed dots in view were printed (`rest_px`) and are now (`moved_px`); of sensors that have some."""
         found: Optional[Markers] = self._source.layer("markers")
         return found
 
-    @cached_property
+    @lazy
     def pins(self) -> Optional[Pins]:
         """The same of the tips of pins, with `rest_mm` and `moved_mm`; of sensors that have some, such as `tactip`."""
         found: Optional[Pins] = self._source.layer("pins")
         return found
 
-    @cached_property
+    @lazy
     def lamps(self) -> Optional[NDArray[np.float32]]:
         """(H, W, 6): the grey image under each lamp, 0 to 1; of sensors that have lamps, such as `gelsight-series2`."""
         found: Optional[NDArray[np.float32]] = self._source.layer("lamps")
         return found
 
-    @cached_property
+    @lazy
     def slip(self) -> Optional[NDArray[np.uint8]]:
         """(H, W): 128 where the pad sticks to the object, 255 where it slips, 0 elsewhere; of frames of a sequence."""
         found: Optional[NDArray[np.uint8]] = self._source.layer("slip")
         return found
 
-    @cached_property
+    @lazy
     def label(self) -> dict[str, Any]:
         """What the label of a dataset says of such a press (`gelsim schema label`); of a frame with `wrench` and `slip`."""
         found: dict[str, Any] = self._source.label()
@@ -199,7 +205,7 @@ class Impression:
     def sample(self, layers: Optional[Sequence[str]] = None) -> Sample:
         """The same as a dict as `Job` and `load` give it, for `collate`: `tactile`, `label` and these layers, or all there are.
 
-        UsageError for a layer that there is none of.
+        `tactile` always comes, named or not. UsageError for a layer that there is none of.
         """
         wanted = [name for name in LAYERS if getattr(self, name) is not None] if layers is None else checked_layers(layers)
         its: dict[str, Any] = {"tactile": self.image}
@@ -286,10 +292,12 @@ class Simulator:
 
         Raises UsageError with every mistake.
         """
-        self._given = (sensor_of(sensor), fidelity, size(resolution_px), set, flow)
+        made, size_px = sensor_of(sensor), size(resolution_px)
         if not isinstance(flow, bool):
             raise TypeError(f"flow is {kind(flow)}; give True or False")
-        self._engine = Engine(*self._given)
+        self._engine = Engine(made, fidelity, size_px, set, flow)
+        # A copy: who changes `set` later does not change what is pickled.
+        self._given = (made, fidelity, size_px, plain(set), flow)
 
     def press(
         self,
@@ -392,11 +400,29 @@ class Simulator:
         """Width and height of its images; a height map has as many columns and rows."""
         return self._engine.resolution_px
 
+    @property
+    def field_of_view_mm(self) -> tuple[float, float]:
+        """Width and height of the pad's window that its images show, mm."""
+        return self._engine.field_of_view_mm
+
+    @property
+    def gelpad_thickness_mm(self) -> float:
+        """Thickness of its gelpad, mm: nothing is pressed deeper into a flat pad."""
+        return self._engine.gelpad_thickness_mm
+
+    @property
+    def is_flat(self) -> bool:
+        """True for a flat pad; False for a gel that has a shape."""
+        return self._engine.is_flat
+
     def __repr__(self) -> str:
         width, height = self.resolution_px
         return f'<gelsim.Simulator "{self.sensor.name}": {width}x{height} px, fidelity {self.fidelity}>'
 
     def __copy__(self) -> Simulator:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Simulator:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -416,7 +442,8 @@ class Array:
     batch = gelsim.collate([press.sample(["depth"]) for press in (left, right)])    # arrays (2, H, W, ...)
     ```
 
-    Each sensor has a sequence of its own; those that are equal share the costly part. `array[k]` is the simulator of sensor k.
+    Each sensor has a sequence of its own; those that are equal share the costly part. `array[k]` is the simulator of sensor k. An array
+    can be copied and pickled, without its sequences.
     """
 
     def __init__(
@@ -433,13 +460,22 @@ class Array:
 
         Raises UsageError with every mistake.
         """
-        ready: list[tuple[object, Simulator]] = []
+        named: dict[str, Sensor] = {}
+        ready: list[tuple[tuple[Any, ...], Simulator]] = []
         self._simulators: list[Simulator] = []
         for given in items("sensors", sensors, "a list of simulators, sensors or names of presets"):
-            known = next((made for same, made in ready if same is given or (isinstance(given, str) and same == given)), None)
+            if isinstance(given, str) and given not in named:
+                named[given] = sensor_of(given)
+            if isinstance(given, Simulator):
+                its = given._given
+            else:
+                its = (named[given] if isinstance(given, str) else sensor_of(given), fidelity, None, [], False)
+            # What is rebuilt from the same in another process is equal.
+            source = (its[0].__reduce__(), *its[1:])
+            known = next((made for same, made in ready if same == source), None)
             if known is None:
-                known = given if isinstance(given, Simulator) else Simulator(given, fidelity)
-                ready.append((given, known))
+                known = given if isinstance(given, Simulator) else Simulator(its[0], fidelity)
+                ready.append((source, known))
             self._simulators.append(known.copy())
         if not self._simulators:
             raise UsageError("sensors: there is none; give gelsim.Array(['digit', 'digit'])")
@@ -477,6 +513,11 @@ class Array:
     def __getitem__(self, number: int) -> Simulator:
         return self._simulators[number]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # One of each kind, as often as there are such sensors: pickled or copied, it is still one.
+        kinds = {id(simulator._given): simulator for simulator in reversed(self._simulators)}
+        return array_of, ([kinds[id(simulator._given)] for simulator in self._simulators], self._threads)
+
     def __repr__(self) -> str:
         return f"<gelsim.Array of {len(self)}: {', '.join(sorted({simulator.sensor.name for simulator in self._simulators}))}>"
 
@@ -506,6 +547,22 @@ def step_each(
         steps.append((same[2], same[1], pose, texture))
     engines = [simulator._engine for simulator in simulators]
     return [Impression(pressing) for pressing in step_all(engines, steps, duration_s, threads)]
+
+
+def array_of(simulators: list[Simulator], threads: Optional[int]) -> Array:
+    """An array in another process, or a copy."""
+    return Array(simulators, threads=threads)
+
+
+def plain(given: Any) -> Any:
+    """A copy of what `set` holds, once that was taken: what can be compared and pickled, and nobody else changes."""
+    if given is None or isinstance(given, (bool, int, float, str)):
+        return given
+    if isinstance(given, Mapping):
+        return {key: plain(value) for key, value in given.items()}
+    if isinstance(given, PathLike):
+        return os.fspath(given)
+    return plain(given.tolist()) if hasattr(given, "tolist") else [plain(each) for each in given]
 
 
 def rebuilt(
@@ -577,11 +634,11 @@ def check_type(name: str, given: object, wanted: type) -> None:
 
 
 def checked_layers(layers: Sequence[str]) -> list[str]:
-    """Names of layers."""
+    """Names of layers beside the image."""
     names = items("layers", layers, "a list of texts")
     for name in names:
         if type(name) is not str:
             raise TypeError(f"an item of layers is {kind(name)}; give a text")
-        if name not in LAYERS:
+        if name not in ("tactile", *LAYERS):
             raise UsageError(f"layers: no layer is called {name[:60]!r}; there are {', '.join(LAYERS)}")
-    return names
+    return [name for name in names if name != "tactile"]

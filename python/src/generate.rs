@@ -14,6 +14,7 @@ use gelsim_files::store::{StoreAddress, explain_mistaken_output};
 use gelsim_job::label::sample_key;
 use gelsim_job::plan::Plan;
 use gelsim_job::probe::preview_job;
+use gelsim_lab::outcome::{HOPELESS_RUN_HELP, explain_hopeless_run, note_outcome};
 use pyo3::exceptions::PyInterruptedError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -56,6 +57,7 @@ pub fn generate<'py>(
     }
     let (threads, overwrite) = (extract_thread_count(threads)?, extract_flag("overwrite", overwrite)?);
     let overrides = extract_overrides(samples, seed, fidelity, all_effects, set)?;
+    let mut may_miss = false;
     let plan = match job.cast::<Job>() {
         Ok(job) if overrides.set.is_empty() && overrides.fidelity.is_none() => job.get().plan(),
         Ok(_) => {
@@ -75,7 +77,9 @@ pub fn generate<'py>(
                 }
             };
             let plan = py.detach(|| pool.install(read)).map_err(|report| usage_error(&report))?;
-            emit_warnings(py, &py.detach(|| pool.install(|| preview_job(&plan))).notes)?;
+            let foreseen = py.detach(|| pool.install(|| preview_job(&plan)));
+            may_miss = foreseen.may_miss;
+            emit_warnings(py, &foreseen.notes)?;
             plan.into()
         }
     };
@@ -84,6 +88,12 @@ pub fn generate<'py>(
     let done = run_watching_signals(py, &plan, &request)?;
     let done =
         done.map_err(|panic| panic_error("the run", &*panic))?.map_err(|error| stopped_error(error, plan.seed()))?;
+    // A warning from before the run is not repeated after it.
+    let no_contact = plan.job().indentation.no_contact;
+    emit_warnings(py, &note_outcome(&done, Some(no_contact).filter(|_| !may_miss)))?;
+    if let Some(message) = explain_hopeless_run(&done) {
+        return Err(runtime_error(format!("{message} in {}: {HOPELESS_RUN_HELP}", root.display())));
+    }
     summary_dict(py, &done, &root)
 }
 

@@ -10,7 +10,6 @@ use gelsim_core::camera::projection::LensModel;
 use gelsim_core::depth::height_map::HeightMap;
 use gelsim_core::depth::indenter::Shape;
 use gelsim_core::fidelity::Fidelity;
-use gelsim_core::optics::led::Led;
 use gelsim_core::pose::Pose;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_dataset::frames::camera::{DepthCamera, DepthProjection, DepthUnit, DistanceAlong};
@@ -18,6 +17,7 @@ use gelsim_dataset::frames::reader::{FrameReader, SeenFrame};
 use gelsim_dataset::frames::run::render_frame_sample;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::sensor::PRESETS;
+use gelsim_files::{hash, input};
 use gelsim_job::config::{Overrides, guess_choice};
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::layout::Split;
@@ -68,9 +68,10 @@ pub struct Sensor {
     source: String,
     set: Vec<String>,
     threads: Option<usize>,
+    /// SHA-256 of the file, if it is one.
+    sha256: Option<String>,
+    /// The sensor after the assignments of `set`.
     itself: gelsim_core::sensor::Sensor,
-    /// LEDs after the assignments of `set`.
-    leds: Vec<Led>,
     /// Notes on the sensor at its own resolution.
     notes: Report,
     /// The simulators that were used last, the most recent at the end. The lock is taken only while the GIL is held,
@@ -101,6 +102,12 @@ struct PreparedPlan {
     reader: Option<Arc<FrameReader>>,
 }
 
+/// Returns the SHA-256 of a sensor's file; `None` for a preset, and for what cannot be read.
+fn hash_source(source: &str) -> Option<String> {
+    let bytes = input::read(Path::new(source), input::MAX_METADATA_BYTES).ok().filter(|_| source.contains('/'))?;
+    Some(hash::sha256(&bytes))
+}
+
 /// Rebuilds a sensor in another process.
 #[pyfunction]
 #[pyo3(name = "_sensor_of_source")]
@@ -129,12 +136,17 @@ impl Sensor {
     // Plans lie on the stack. What calls this may be called again by a path or a number of the user's, a thousand deep.
     #[inline(never)]
     fn read(py: Python<'_>, source: String, set: Vec<String>, threads: Option<usize>) -> PyResult<Self> {
+        let sha256 = hash_source(&source);
         let itself = py.detach(|| load_sensor(&source)).map_err(|report| usage_error(&report))?.sensor;
-        let (leds, notes, simulators) = (Vec::new(), Report::default(), Mutex::default());
-        let sensor = Self { source, set, threads, itself, leds, notes, simulators };
-        let resolution_px = sensor.itself.resolution_px;
-        let (ready, _) = sensor.prepare_plan(py, SimulatorKey { resolution_px, fidelity: None, frames: None })?;
-        Ok(Self { leds: ready.plan.simulator.sensor().leds.clone(), notes: ready.plan.notes, ..sensor })
+        let written_px = itself.resolution_px;
+        let (notes, simulators) = (Report::default(), Mutex::default());
+        let sensor = Self { source, set, threads, sha256, itself, notes, simulators };
+        let plan = sensor.resolve_plan(py, None, written_px, &[], &[])?;
+        let itself = plan.simulator.sensor().clone();
+        let choice = SimulatorKey { resolution_px: plan.simulator.view().resolution_px, fidelity: None, frames: None };
+        let notes = plan.notes.clone();
+        let simulators = Mutex::new(vec![(choice, PreparedPlan { plan, reader: None })]);
+        Ok(Self { itself, notes, simulators, ..sensor })
     }
 
     /// Reads the sensor, and emits its notes as warnings.
@@ -170,18 +182,7 @@ impl Sensor {
                 return Ok((ready, false));
             }
         }
-        let overrides = Overrides::from_flags(None, None, choice.fidelity, false, &self.set);
-        let frames = FrameSettings {
-            sensor: &self.source,
-            resolution_px: choice.resolution_px,
-            layers: &[],
-            classes: &[],
-            sequence: false,
-            moved: false,
-            overrides: &overrides,
-        };
-        let pool = shared_pool(py, self.threads)?;
-        let plan = py.detach(|| pool.install(|| frames.resolve_plan())).map_err(|report| usage_error(&report))?;
+        let plan = self.resolve_plan(py, choice.fidelity, choice.resolution_px, &[], &[])?;
         let found = plan.simulator.view().resolution_px;
         let own_pixels = choice.frames.is_none_or(|(_, rays)| rays.fov_y_deg.is_none());
         if found != choice.resolution_px && own_pixels {
@@ -235,10 +236,30 @@ impl Sensor {
         set: &[String],
         layers: &[OutputLayer],
     ) -> PyResult<Plan> {
-        let overrides = Overrides::from_flags(None, None, Some(fidelity), false, &[&self.set, set].concat());
+        let is_fidelity = |text: &&String| text.split(['=', '.']).next().is_some_and(|key| key.trim() == "fidelity");
+        if self.set.iter().chain(set).any(|text| is_fidelity(&text)) {
+            return Err(mistake_error("`set` has a fidelity", "a simulator takes it by itself: fidelity=\"high\""));
+        }
+        self.resolve_plan(py, Some(fidelity), resolution_px.unwrap_or(self.itself.resolution_px), set, layers)
+    }
+
+    /// Makes a plan from the source, which must be as it was when the sensor was made.
+    fn resolve_plan(
+        &self,
+        py: Python<'_>,
+        fidelity: Option<Fidelity>,
+        resolution_px: [usize; 2],
+        set: &[String],
+        layers: &[OutputLayer],
+    ) -> PyResult<Plan> {
+        if self.sha256 != hash_source(&self.source) {
+            let message = format!("{} has changed since this sensor was made of it", self.source);
+            return Err(mistake_error(message, "load it again: gelsim.Sensor.load"));
+        }
+        let overrides = Overrides::from_flags(None, None, fidelity, false, &[&self.set, set].concat());
         let frames = FrameSettings {
             sensor: &self.source,
-            resolution_px: resolution_px.unwrap_or(self.itself.resolution_px),
+            resolution_px,
             layers,
             classes: &[],
             sequence: false,
@@ -558,7 +579,7 @@ impl Sensor {
     fn leds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let led = py.import("gelsim.scene")?.getattr("Led")?;
         let list = PyList::empty(py);
-        for each in &self.leds {
+        for each in &self.itself.leds {
             list.append(led.call_method1("_of_json", (parse_json(py, &to_json_line(each))?,))?)?;
         }
         Ok(list)
@@ -580,6 +601,15 @@ impl Sensor {
     fn __repr__(&self) -> String {
         let [width, height] = self.itself.resolution_px;
         format!("<gelsim.Sensor {:?}: {width}x{height} px>", self.itself.name)
+    }
+
+    /// A sensor never changes: it is its own copy.
+    fn __copy__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __deepcopy__(slf: Py<Self>, _memo: &Bound<'_, PyAny>) -> Py<Self> {
+        slf
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PickleParts<'py, (&str, Vec<String>, Option<usize>)> {

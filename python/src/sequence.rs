@@ -1,6 +1,7 @@
 //! Sequences of `gelsim.Simulator`: frame after frame, with friction that remembers; several sensors at once.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use gelsim_core::base::rng;
@@ -45,6 +46,9 @@ const FIRST_TOUCH: f64 = 1.0 / 16.0;
 /// Friction unless the caller gives one, as in a job's `[sequence]`.
 const DEFAULT_FRICTION: Friction = Friction::Coulomb { coefficient: 0.6 };
 
+/// The number of the next frame that is rendered.
+static NEXT_FRAME: AtomicU64 = AtomicU64::new(0);
+
 /// The sequence of a simulator. Its lock is taken only while the GIL is held, and only briefly: a process that is forked
 /// never finds it taken.
 pub struct Sequence(Mutex<SequenceState>);
@@ -54,8 +58,8 @@ enum SequenceState {
     /// Before its first frame.
     Begun(SequenceStart),
     Moving(Box<MovingSequence>),
-    /// A thread is rendering a frame of it.
-    Busy,
+    /// A thread is rendering a frame of it: the one with this number among all frames of the process.
+    Busy(u64),
 }
 
 /// Settings with which a sequence begins.
@@ -93,6 +97,7 @@ type StepArguments<'py> = (String, Bound<'py, PyAny>, Option<ObjectPlace>, Optio
 /// State of a sequence while a frame of it is rendered. It is put back when this is dropped, which needs the GIL.
 struct TakenState<'a> {
     engine: &'a Engine,
+    frame: u64,
     begun: SequenceStart,
     /// `None` before the first frame, and after a frame that failed.
     moving: Option<Box<MovingSequence>>,
@@ -106,10 +111,6 @@ impl Default for Sequence {
 }
 
 impl Sequence {
-    fn replace(&self, state: SequenceState) -> SequenceState {
-        std::mem::replace(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner), state)
-    }
-
     /// Begins a new sequence.
     pub fn begin(
         &self,
@@ -122,15 +123,19 @@ impl Sequence {
             index: extract_whole_number("index", index, ALLOWED_INDICES)?.unwrap_or(0),
             seed: extract_whole_number("seed", seed, ALLOWED_SEEDS)?.unwrap_or(0),
         };
-        self.replace(SequenceState::Begun(begun));
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = SequenceState::Begun(begun);
         Ok(())
     }
 }
 
 impl Drop for TakenState<'_> {
     fn drop(&mut self) {
-        let begun = SequenceState::Begun(self.begun);
-        self.engine.sequence.replace(self.moving.take().map_or(begun, SequenceState::Moving));
+        let mut sequence = self.engine.sequence.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // Another sequence may have begun meanwhile.
+        if matches!(*sequence, SequenceState::Busy(frame) if frame == self.frame) {
+            let begun = SequenceState::Begun(self.begun);
+            *sequence = self.moving.take().map_or(begun, SequenceState::Moving);
+        }
     }
 }
 
@@ -204,17 +209,19 @@ impl Engine {
         if let SequenceState::Moving(moving) = &*sequence {
             moving.check_step(&self.plan, &step.object)?;
         }
-        let (begun, moving) = match std::mem::replace(&mut *sequence, SequenceState::Busy) {
+        let frame = NEXT_FRAME.fetch_add(1, Ordering::Relaxed);
+        let (begun, moving) = match std::mem::replace(&mut *sequence, SequenceState::Busy(frame)) {
             SequenceState::Begun(begun) => (begun, None),
             SequenceState::Moving(moving) => (moving.begun, Some(moving)),
-            SequenceState::Busy => {
+            SequenceState::Busy(other) => {
+                *sequence = SequenceState::Busy(other);
                 let help = "simulator.copy() has a sequence of its own, and simulator.reset() begins another one";
                 return Err(runtime_error(format!(
                     "another thread is at a frame of this simulator's sequence: {help}"
                 )));
             }
         };
-        Ok(TakenState { engine: self, begun, moving })
+        Ok(TakenState { engine: self, frame, begun, moving })
     }
 }
 

@@ -29,6 +29,7 @@ use gelsim_job::scene::{DepthFrame, DrawnTexture, KnownPress, PressSource, Scene
 use gelsim_job::sequence::label::{FrameLabel, StepLabel};
 use glam::DVec3;
 use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
 
 use crate::arguments::{OptionalArgument, extract_assignments, extract_whole_number};
 use crate::arrays::{image_array, layer_array, parse_json};
@@ -103,6 +104,7 @@ pub struct Pressing {
     sample: Sample,
     /// Pixels of the image until Python has them: red, green and blue of each.
     rgb: Mutex<Vec<u8>>,
+    image: PyOnceLock<Py<PyAny>>,
     /// Number and label of the frame, in a sequence.
     frame: Option<(u64, FrameLabel)>,
 }
@@ -348,6 +350,21 @@ impl Engine {
         self.plan.fidelity().name()
     }
 
+    #[getter]
+    fn field_of_view_mm(&self) -> (f64, f64) {
+        self.plan.simulator.sensor().field_of_view_mm.into()
+    }
+
+    #[getter]
+    fn gelpad_thickness_mm(&self) -> f64 {
+        self.plan.thickness_mm()
+    }
+
+    #[getter]
+    fn is_flat(&self) -> bool {
+        self.plan.simulator.sensor().shape.is_none()
+    }
+
     /// Renders one press.
     #[expect(clippy::too_many_arguments, reason = "each is a keyword of Python's")]
     fn press(
@@ -438,16 +455,19 @@ impl Engine {
 impl Pressing {
     pub fn new(mut sample: Sample, frame: Option<(u64, FrameLabel)>) -> Self {
         let rgb = std::mem::take(&mut sample.impression.image.rgb);
-        Self { sample, rgb: Mutex::new(rgb), frame }
+        Self { sample, rgb: Mutex::new(rgb), image: PyOnceLock::new(), frame }
     }
 }
 
 #[pymethods]
 impl Pressing {
-    /// Hands over the tactile image. It is there once.
+    /// Returns the tactile image, the same array every time.
     fn image<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let rgb = std::mem::take(&mut *self.rgb.lock().unwrap_or_else(PoisonError::into_inner));
-        image_array(py, &self.sample, rgb)
+        let make = || {
+            let rgb = std::mem::take(&mut *self.rgb.lock().unwrap_or_else(PoisonError::into_inner));
+            image_array(py, &self.sample, rgb).map(Bound::unbind)
+        };
+        self.image.get_or_try_init(py, make).map(|image| image.bind(py).clone())
     }
 
     /// Returns a layer by its name; None if the sensor or the fidelity level does not have it.

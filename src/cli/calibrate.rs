@@ -28,6 +28,7 @@ use gelsim_core::optics::calibrated::CalibrationTable;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::hash::sha256;
+use gelsim_files::input;
 use gelsim_files::png::encode_rgb;
 use gelsim_files::sensor::Sensor;
 use gelsim_files::write::write_output;
@@ -265,6 +266,28 @@ impl Calibrate {
         Ok(findings.0)
     }
 
+    /// Refuses if one of the files that will be written is one that is read.
+    fn refuse_to_overwrite(
+        &self,
+        table: &PressTable,
+        written: impl Iterator<Item = PathBuf>,
+        help: &str,
+    ) -> Result<(), Failure> {
+        let written: Vec<PathBuf> = written.collect();
+        let mut problems = Diagnostics::default();
+        let images = table.presses.iter().map(|press| &press.path);
+        // One that is not matched is written as it was read.
+        let matched = self.background.as_ref().or(table.background.as_ref()).filter(|_| self.match_background);
+        for read in images.chain(matched) {
+            if written.iter().any(|path| input::is_same_path(path, read)) {
+                let name = read.display().to_string();
+                let problem = Diagnostic::new(format!("{name} would be written over")).help(help);
+                problems.push(problem.about(name, "files would be written over"));
+            }
+        }
+        if problems.is_empty() { Ok(()) } else { Err(Report::new(&problems, &[]).into()) }
+    }
+
     fn evaluate_table(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
         let sensor = standalone::load_flat_sensor(sensor, FLAT_ONLY)?.sensor;
         if self.out.exists() && !self.out.is_dir() {
@@ -277,7 +300,10 @@ impl Calibrate {
             fidelity: self.fidelity,
             finds_circles: self.detect,
         };
-        let Evaluation { presses, findings } = evaluate_presses(self.read_presses(table)?, &sensor, options)?;
+        let read = self.read_presses(table)?;
+        let pictures = read.presses.iter().map(|press| self.out.join(picture_name(&press.file)));
+        self.refuse_to_overwrite(&read, pictures, "choose another folder with --out")?;
+        let Evaluation { presses, findings } = evaluate_presses(read, &sensor, options)?;
         self.report_findings(findings)?;
         fs::create_dir_all(&self.out).map_err(|error| denied_failure(&self.out, &error))?;
         let mut table = new_score_table();
@@ -317,6 +343,8 @@ impl Calibrate {
 
     fn fit_presses(&self, presses: &Path, sensor: Sensor) -> Result<(), Failure> {
         let table = self.read_presses(presses)?;
+        let written = ["background.png", "png"].map(|end| self.out.with_extension(end));
+        self.refuse_to_overwrite(&table, written.into_iter(), "choose another place with --out")?;
         let Some(background_image) = self.background.as_ref().or(table.background.as_ref()).cloned() else {
             let help = "name an image of the untouched pad with --background";
             return Err(user_error(format!("{}: no background image", presses.display()), help).into());

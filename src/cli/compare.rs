@@ -11,6 +11,7 @@ use super::store::local_path_parser;
 use super::terminal::stdout_columns;
 use super::{Failure, print_result, print_to_stderr};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
+use gelsim_files::input;
 use gelsim_files::number_format::format_count;
 use gelsim_files::png;
 use gelsim_files::write::write_output;
@@ -97,6 +98,12 @@ impl Compare {
         let (Some(real), Some(sim)) = (&self.real, &self.sim) else {
             return Err(user_error("nothing to compare", "see gelsim compare --help").into());
         };
+        if let Some(folder) =
+            self.out.as_ref().filter(|out| [real, sim].iter().any(|side| input::is_same_path(out, side)))
+        {
+            let message = format!("the results would lie among the images in {}", folder.display());
+            return Err(user_error(message, "choose another folder with --out").into());
+        }
         let comparison = compare_folders(real, sim, self.dilate)?;
         let mut notes = Diagnostics::default();
         notes.extend(comparison.diagnostics.iter().cloned());
@@ -141,6 +148,7 @@ impl Compare {
     fn compare_forces(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
         let sensor = standalone::load_flat_sensor(sensor, FLAT_ONLY)?.written;
         let comparison = compare_forces(table, &sensor, self.zero_mm.unwrap_or(0.0))?;
+        Log::plain_text(false).print_notes(&comparison.doubts);
         if comparison.rows_left_out > 0 {
             let rows = format_count(comparison.rows_left_out, "row is", "rows are");
             Log::plain_text(false).print_note(&format!("{rows} left out, where the indenter is lifted"));

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount};
+use gelsim_lab::outcome::{HOPELESS_RUN_HELP, explain_hopeless_run, note_outcome};
 use serde_json::{Value, json};
 
 use super::log::{Format, Log};
@@ -14,7 +15,7 @@ use super::{Extent, Failure, JobOverrides, settle_fidelity};
 use gelsim_dataset::folder::recorded_fidelity;
 use gelsim_dataset::generate::{GenerateError, GenerateRequest, RunMonitor, RunSummary, generate, generate_in_store};
 use gelsim_dataset::verify::{DatasetFinding, Remedy};
-use gelsim_files::diagnostic::{Diagnostic, user_error};
+use gelsim_files::diagnostic::user_error;
 use gelsim_files::store::{StoreAddress, open_store};
 use gelsim_job::label::sample_key;
 use gelsim_job::plan::Plan;
@@ -111,36 +112,21 @@ impl Generate {
                     Format::Json => log.write_event("done", summarise_as_json(&done, &root)),
                     Format::Text if !self.quiet => {
                         // A warning from before the run is not repeated after it.
-                        let misses = if foreseen.may_miss {
-                            None
-                        } else {
-                            warn_of_misses(&done, plan.job().indentation.no_contact)
-                        };
+                        let no_contact = plan.job().indentation.no_contact;
+                        let notes = note_outcome(&done, Some(no_contact).filter(|_| !foreseen.may_miss));
                         print_to_stderr(&format_summary(&done, &root));
-                        misses
-                            .into_iter()
-                            .chain(note_unmeasured_light(&done))
-                            .for_each(|note| log.print_notes(&note.into()));
+                        log.print_notes(&notes);
                     }
                     Format::Text => {}
                 }
-                match done.samples > 0 && done.unhealthy == done.samples {
-                    true => Err(explain_hopeless_result(&done)),
-                    false => Ok(()),
+                match explain_hopeless_run(&done) {
+                    Some(message) => Err(Failure::runtime_with_help(message, HOPELESS_RUN_HELP)),
+                    None => Ok(()),
                 }
             }
             Err(stopped) => Err(explain_failure(stopped, plan.seed(), signal)),
         }
     }
-}
-
-/// Returns the failure of a run of which no sample is healthy. What it wrote stays.
-fn explain_hopeless_result(done: &RunSummary) -> Failure {
-    let message = match done.samples {
-        1 => String::from("the sample is not healthy"),
-        samples => format!("none of the {} samples is healthy", HumanCount(samples)),
-    };
-    Failure::runtime_with_help(message, "health.reason in their labels says why; gelsim plan shows what the job does")
 }
 
 /// Formats what a run made, and how many samples of it need a look.
@@ -180,31 +166,6 @@ fn format_summary(done: &RunSummary, root: &str) -> String {
         text += &format!("\n{what}: {} {of}", HumanCount(*count));
     }
     text
-}
-
-/// Warns of samples without contact: if there are more than the job means to have, by a fifth of all and two standard
-/// deviations of their number.
-fn warn_of_misses(done: &RunSummary, no_contact: f64) -> Option<Diagnostic> {
-    let samples = done.samples as f64;
-    let (meant, spread) = (no_contact * samples, (no_contact * (1.0 - no_contact) * samples).sqrt());
-    let missed = done.samples - done.in_contact;
-    (missed as f64 > meant + 0.2 * samples + 2.0 * spread).then(|| {
-        let message = format!(
-            "{} of {} samples touch nothing, where indentation.no_contact = {no_contact} means {}",
-            HumanCount(missed),
-            HumanCount(done.samples),
-            HumanCount(meant.round() as u64),
-        );
-        Diagnostic::warning(message).help("gelsim plan says what brings them into contact, if anything does")
-    })
-}
-
-/// Returns a note if samples use light outside the calibrated range.
-fn note_unmeasured_light(done: &RunSummary) -> Option<Diagnostic> {
-    done.light.note().map(|note| {
-        Diagnostic::note(note)
-            .help("leave such samples out by numerics.light_outside_range in their labels, or press less deep")
-    })
 }
 
 /// Returns what a run made as a JSON object, for pipelines.

@@ -189,6 +189,14 @@ pub(super) fn parse_whole_number<T: TryFrom<u64>>(text: &str) -> Result<T, Strin
     }
 }
 
+/// Parses a number of things of which there is at least one.
+pub(super) fn parse_count<T: TryFrom<u64>>(text: &str) -> Result<T, String> {
+    match text.parse::<u64>() {
+        Ok(0) => Err(String::from("write 1 or more")),
+        _ => parse_whole_number(text),
+    }
+}
+
 /// Parses a number. If the text has a decimal comma, the error says how to write it.
 pub(super) fn parse_number(text: &str) -> Result<f64, String> {
     text.parse().map_err(|_| match text.replace(',', ".").parse::<f64>() {

@@ -116,7 +116,10 @@ fn fill_template(sensor: Option<&str>) -> String {
         }
         _ => TEMPLATE.to_owned(),
     };
-    // The second coordinate is written with the first.
-    let lines = template.lines().filter(|written| !written.starts_with("y_mm = [")).map(line);
+    let has_pins = load_preset(name).is_ok_and(|sensor| sensor.pins.is_some());
+    // The second coordinate is written with the first. Pins are seen before a colour.
+    let is_left_out =
+        |written: &&str| written.starts_with("y_mm = [") || has_pins && written.starts_with("# background = ");
+    let lines = template.lines().filter(|written| !is_left_out(written)).map(line);
     lines.map(|line| line + "\n").collect()
 }

@@ -5,8 +5,9 @@ use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use super::Failure;
-use super::terminal::{self, print_as_is, print_to_stderr};
+use super::terminal::{self, print_as_is};
 use gelsim_files::diagnostic::{Diagnostic, DisplayOptions, Report};
+use gelsim_files::spelling::escape_hidden_chars;
 
 /// Form of the messages on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -65,7 +66,7 @@ impl Log {
     /// Writes an event for pipelines: `fields` must be an object. Does nothing in words.
     pub fn write_event(self, name: &str, fields: Value) {
         if self.format == Format::Json && !self.quiet {
-            print_to_stderr(&format_event(name, fields));
+            print_as_is(&escape_hidden_chars(&format_event(name, fields)));
         }
     }
 
@@ -74,7 +75,8 @@ impl Log {
     pub fn report_failure(self, failure: Failure) -> Failure {
         match (self.format, failure.to_text(DisplayOptions::PLAIN)) {
             (Format::Json, Some(message)) => {
-                print_to_stderr(&format_event("error", json!({ "status": failure.status, "message": message })));
+                let event = format_event("error", json!({ "status": failure.status, "message": message }));
+                print_as_is(&escape_hidden_chars(&event));
                 Failure::already_reported(failure.status)
             }
             _ => failure,

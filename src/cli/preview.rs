@@ -8,7 +8,7 @@ use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use rayon::prelude::*;
 
-use super::guesses::parse_whole_number;
+use super::guesses::{parse_count, parse_whole_number};
 use super::store::{local_path_parser, require_local_folder};
 use super::{Failure, JobOverrides, Log, output_file, settle_fidelity};
 use gelsim_core::effects::Effect;
@@ -68,13 +68,13 @@ pub struct Preview {
     #[arg(long, requires = "key", conflicts_with_all = ["effects", "count", "columns", "panel", "layers"])]
     apng: bool,
     /// How many samples the sheet shows
-    #[arg(long, value_name = "N", default_value_t = 12, value_parser = parse_whole_number::<u64>)]
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = parse_count::<u64>, conflicts_with = "key")]
     count: u64,
     /// Width of one panel of the sheet, px [default: 240; of effects 658; with --key full size]
-    #[arg(long, value_name = "PX", value_parser = parse_whole_number::<u32>)]
+    #[arg(long, value_name = "PX", value_parser = parse_count::<u32>)]
     panel: Option<u32>,
     /// Columns of the sheet
-    #[arg(long, value_name = "N", default_value_t = 2, value_parser = parse_whole_number::<usize>)]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = parse_count::<usize>)]
     columns: usize,
     #[command(flatten)]
     overrides: JobOverrides,
@@ -91,7 +91,7 @@ impl Preview {
         }
         let (endings, example) = if self.apng { (&ENDINGS[..1], "film.png") } else { (&ENDINGS[..], "sheet.png") };
         output_file::check_output_path(self.out(), endings, example)?;
-        let panel = |default: u32| self.panel.unwrap_or(default).max(1);
+        let panel = |default: u32| self.panel.unwrap_or(default);
         if self.effects {
             return write_picture(
                 self.out(),
@@ -234,7 +234,7 @@ impl Preview {
         let samples = plan.layout.sample_count();
         Ok(match self.key {
             Some(key) => vec![self.check_key(key, samples)?],
-            None => (0..self.count.clamp(1, samples.max(1))).collect(),
+            None => (0..self.count.min(samples)).collect(),
         })
     }
 
@@ -254,7 +254,7 @@ impl Preview {
     /// Chooses samples of every split and class from the shards that exist, and notes the shards that are missing.
     fn choose_samples(&self, dataset: &RecordedDataset) -> Result<Vec<u64>, Failure> {
         let SampleChoice { samples, missing } =
-            choose_spread_samples(dataset, self.count.max(1)).map_err(|reason| self.unreadable_failure(reason))?;
+            choose_spread_samples(dataset, self.count).map_err(|reason| self.unreadable_failure(reason))?;
         if let Some(first) = missing.first() {
             let all = dataset.layout.shard_count();
             let message = match missing.len() {

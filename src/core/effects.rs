@@ -49,7 +49,7 @@ effects! {
     Relaxation, "relaxation", "stress that falls with time under a shape that is held; runs in sequences on pads that relax, once something has loaded them";
     FiniteStrain, "finite_strain", "large strains: the difference between rubber and a linear layer; runs where that is larger than the level's tolerance";
     Supersampling, "supersampling", "light averaged over a pixel; runs for pixels within which the surface bends";
-    Shear, "shear", "in-plane motion under an object that is pushed or turned; runs where markers show it";
+    Shear, "shear", "in-plane motion under an object that is pushed or turned; runs where something shows it";
     Shading, "shading", "light of the LEDs on the deformed surface; runs where the surface is not flat";
     Grain, "grain", "relief of the pad's coating; runs where a coated pad is deformed";
     Shadows, "shadows", "shadows cast on the surface; run for each LED that is lower than the steepest slope";

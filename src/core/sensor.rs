@@ -280,7 +280,7 @@ impl Sensor {
         if !(0.0..=0.4999).contains(&value) {
             return Err(SensorError::Number { name: "gelpad.poisson_ratio", value, allowed: "0 to 0.4999" });
         }
-        if let Some(reason) = RelaxationMode::find_error(&self.relaxation) {
+        if let Some(reason) = RelaxationMode::find_errors(&self.relaxation).into_iter().next() {
             return Err(SensorError::Relaxation(reason));
         }
         match (&self.shape, &self.pins) {

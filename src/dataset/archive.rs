@@ -190,6 +190,34 @@ pub struct MemberHead<'a> {
 /// Most bytes of a file's name, and of an extended header.
 const MAX_NAME_BYTES: u64 = 64 << 10;
 
+/// What may be in a tar, and how the names of its files are split into key and suffix.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TarOrigin {
+    /// A shard of gelsim: files only, whose keys end at the first dot.
+    Gelsim,
+    /// A tar of any program, read as WebDataset does: keys end at the first dot of the file's own name, in whatever
+    /// folder it is. A `./` before a name does not count. Folders and hidden files are passed over.
+    WebDataset,
+}
+
+impl TarOrigin {
+    /// Splits a name into key and suffix.
+    fn split_name(self, name: &[u8]) -> Option<(&str, &str)> {
+        let name = str::from_utf8(name).ok()?;
+        let folders = match self {
+            Self::Gelsim => 0,
+            Self::WebDataset => name.rfind('/').map_or(0, |slash| slash + 1),
+        };
+        let dot = folders + name[folders..].find('.')?;
+        Some((&name[..dot], &name[dot + 1..]))
+    }
+}
+
+/// Returns true if a file's own name begins with a dot.
+fn is_hidden(name: &[u8]) -> bool {
+    name.rsplit(|byte| *byte == b'/').next().is_some_and(|own| own.starts_with(b"."))
+}
+
 /// Calls `visit` with every sample of the tar at `path`, until that breaks off. For each file `wanted` returns the most
 /// bytes that it may have, or `None` to skip it without reading.
 pub fn visit_tar_file(
@@ -197,15 +225,34 @@ pub fn visit_tar_file(
     wanted: impl FnMut(MemberHead) -> Option<u64>,
     visit: impl FnMut(SampleFiles) -> ControlFlow<()>,
 ) -> Result<(), String> {
+    visit_file(path, TarOrigin::Gelsim, wanted, visit)
+}
+
+/// Does what [`visit_tar_file`] does for a tar of any program, in which samples may be in folders.
+pub fn visit_webdataset_file(
+    path: &Path,
+    wanted: impl FnMut(MemberHead) -> Option<u64>,
+    visit: impl FnMut(SampleFiles) -> ControlFlow<()>,
+) -> Result<(), String> {
+    visit_file(path, TarOrigin::WebDataset, wanted, visit)
+}
+
+fn visit_file(
+    path: &Path,
+    origin: TarOrigin,
+    wanted: impl FnMut(MemberHead) -> Option<u64>,
+    visit: impl FnMut(SampleFiles) -> ControlFlow<()>,
+) -> Result<(), String> {
     let (file, length) = input::open_without_links(path).map_err(|error| error.to_string())?;
     let mut archive = tar::Archive::new(SkippingReader(BufReader::with_capacity(1 << 14, file)));
-    visit_entries(archive.entries_with_seek().map_err(|error| error.to_string())?, length, wanted, visit)
+    visit_entries(archive.entries_with_seek().map_err(|error| error.to_string())?, length, origin, wanted, visit)
 }
 
 /// Calls `visit` with every sample of a tar, with all its files, until that breaks off.
 pub fn visit_tar(tar: impl Read, visit: impl FnMut(SampleFiles) -> ControlFlow<()>) -> Result<(), String> {
     let mut archive = tar::Archive::new(tar);
-    visit_entries(archive.entries().map_err(|error| error.to_string())?, u64::MAX, |_| Some(MAX_IMAGE_BYTES), visit)
+    let entries = archive.entries().map_err(|error| error.to_string())?;
+    visit_entries(entries, u64::MAX, TarOrigin::Gelsim, |_| Some(MAX_IMAGE_BYTES), visit)
 }
 
 /// Visits the samples of a tar. Files with the same key that follow each other are one sample. Memory is limited to
@@ -214,6 +261,7 @@ pub fn visit_tar(tar: impl Read, visit: impl FnMut(SampleFiles) -> ControlFlow<(
 fn visit_entries<R: Read>(
     entries: tar::Entries<R>,
     length: u64,
+    origin: TarOrigin,
     mut wanted: impl FnMut(MemberHead) -> Option<u64>,
     mut visit: impl FnMut(SampleFiles) -> ControlFlow<()>,
 ) -> Result<(), String> {
@@ -239,11 +287,21 @@ fn visit_entries<R: Read>(
         if entry.header().entry_type().is_gnu_sparse() || std::mem::take(&mut extended.sparse) || other_size.is_some() {
             return Err(format!("{shown} is sparse, or larger than 8 GB: write the tar without either"));
         }
+        let mut name = name.as_slice();
+        if origin == TarOrigin::WebDataset {
+            if entry.header().entry_type().is_dir() || is_hidden(name) {
+                continue;
+            }
+            while let Some(rest) = name.strip_prefix(b"./") {
+                name = rest;
+            }
+        }
         if !entry.header().entry_type().is_file() {
             return Err(format!("{shown} is no regular file"));
         }
-        let split = str::from_utf8(&name).ok().and_then(|name| name.split_once('.'));
-        let Some((key, suffix)) = split else { return Err(format!("{shown} is not named KEY.LAYER")) };
+        let Some((key, suffix)) = origin.split_name(name) else {
+            return Err(format!("{shown} is not named KEY.LAYER"));
+        };
         if name.starts_with(b"/") || name.split(|byte| *byte == b'/').any(|step| step == b"..") {
             return Err(format!("{shown} leads out of the folder that the tar is unpacked in"));
         }
@@ -432,6 +490,50 @@ mod tests {
     fn names_that_are_no_samples_are_refused() {
         assert!(samples(&tar(&[("README", "x")])).is_err());
         assert!(samples(&vec![7; 4096]).is_err());
+    }
+
+    #[test]
+    fn tars_of_other_programs_have_samples_in_folders_and_shards_of_gelsim_do_not() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.tar");
+        let visited = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("a file");
+            let mut found = Vec::new();
+            visit_webdataset_file(
+                &path,
+                |_| Some(9),
+                |files| {
+                    found.push((files.key, files.members.into_iter().map(|(suffix, _)| suffix).collect::<Vec<_>>()));
+                    ControlFlow::Continue(())
+                },
+            )
+            .map(|()| found)
+        };
+        for (name, key, suffix) in [
+            ("000.png", "000", "png"),
+            ("000.tactile.png", "000", "tactile.png"),
+            ("./000.png", "000", "png"),
+            ("v1.0/000.png", "v1.0/000", "png"),
+            ("././v1.0/000.depth.exr", "v1.0/000", "depth.exr"),
+            ("a/.x/000.png", "a/.x/000", "png"),
+        ] {
+            let bytes = extended(&[], tar::EntryType::Regular, name.as_bytes());
+            assert_eq!(visited(&bytes), Ok(vec![(key.to_owned(), vec![suffix.to_owned()])]), "{name}");
+            let own = samples(&bytes).expect("a tar");
+            assert_eq!(Some((&*own[0].key, &*own[0].members[0].0)), name.split_once('.'), "{name}");
+        }
+        for name in ["./", "./v1.0/"] {
+            let bytes = extended(&[], tar::EntryType::Directory, name.as_bytes());
+            assert_eq!(visited(&bytes), Ok(Vec::new()), "{name}");
+            assert!(samples(&bytes).expect_err("a folder").contains("is no regular file"));
+        }
+        for name in ["._000.png", "v1.0/.DS_Store"] {
+            let bytes = extended(&[], tar::EntryType::Regular, name.as_bytes());
+            assert_eq!(visited(&bytes), Ok(Vec::new()), "{name}");
+        }
+        for name in ["README", "v1.0/README", "../0.png", "/0.png", ".//0.png"] {
+            assert!(visited(&extended(&[], tar::EntryType::Regular, name.as_bytes())).is_err(), "{name}");
+        }
     }
 
     /// Makes a tar of one file under `name`. Each header before it has a kind and a content.

@@ -16,7 +16,7 @@ use super::stats::ShardStats;
 use super::versioned::Versioned;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_files::diagnostic::user_error;
-use gelsim_files::input;
+use gelsim_files::input::{self, canonicalize_existing};
 use gelsim_files::write::write_atomically;
 use gelsim_job::config::document::{MAX_READ_BYTES, RESOLVED_HEADER};
 use gelsim_job::plan::{Plan, file_stem};
@@ -32,8 +32,9 @@ pub fn prepare_folder(
     root: &Path,
     seen_from: &Path,
     plan: &Plan,
-    overwrite: bool,
+    replaced: Replaced,
 ) -> Result<Option<u64>, DatasetError> {
+    let overwrite = replaced != Replaced::Nothing;
     let io = |path: &Path| {
         let path = path.to_owned();
         move |error| DatasetError::Io(path, error)
@@ -45,6 +46,10 @@ pub fn prepare_folder(
     }
     if root.symlink_metadata().is_ok() && !root.is_dir() {
         return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
+    }
+    let on_the_way = root.ancestors().skip(1).find(|above| above.exists() || above.as_os_str().is_empty());
+    if let Some(file) = on_the_way.filter(|above| above.exists() && !above.is_dir()) {
+        return refused(format!("{} is not a folder", file.display()), "choose a new or empty folder with --out");
     }
     if let Some(strange) = cleanup::find_strange_entry(root).map_err(failed)? {
         return refused(
@@ -64,6 +69,8 @@ pub fn prepare_folder(
     Step::DatasetLocked.pause_if_requested(root);
     // Another process may have begun a dataset since the first check.
     let found = check_folder(root, plan, overwrite)?;
+    // What is there of the same job is what the other parts have made.
+    let overwrite = overwrite && !(replaced == Replaced::OtherJobs && found == FolderState::SameJob);
     if overwrite && found != FolderState::Empty {
         if let Err(writer) = cleanup::remove_dataset(root).map_err(failed)? {
             let message = format!("{} cannot be replaced: {writer}", root.display());
@@ -94,6 +101,17 @@ pub fn prepare_folder(
         write_atomically(&job_path, text.as_bytes()).map_err(io(&job_path))?;
     }
     Ok(grown_from)
+}
+
+/// Datasets that a new one replaces in its folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Replaced {
+    /// None.
+    Nothing,
+    /// Those of other jobs.
+    OtherJobs,
+    /// All.
+    All,
 }
 
 /// What is in the folder where a dataset will be written.
@@ -263,17 +281,6 @@ fn format_resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, Pa
     let text = job.to_toml()?;
     let text = format!("{RESOLVED_HEADER} {}.\n{SELF_HASH_MARK}{BLANK_HASH}\n\n{text}", env!("CARGO_PKG_VERSION"));
     Ok(Ok(insert_self_hash(&text, SELF_HASH_MARK)))
-}
-
-/// Resolves the links of a path, as far as it exists.
-fn canonicalize_existing(path: &Path) -> io::Result<PathBuf> {
-    let path = std::path::absolute(path)?;
-    match (path.canonicalize(), path.parent(), path.file_name()) {
-        (Err(error), Some(folder), Some(name)) if error.kind() == io::ErrorKind::NotFound => {
-            Ok(canonicalize_existing(folder)?.join(name))
-        }
-        (found, ..) => found,
-    }
 }
 
 /// Returns a path relative to `root`. `folders` are those that were resolved before.

@@ -22,7 +22,7 @@ use crate::cleanup::{self, DATA_FOLDER};
 use crate::dataset_error::DatasetError;
 use crate::encode::{EncodedSample, FrameStorage, SampleError, make_samples};
 use crate::finalize::{Finalized, finalize};
-use crate::folder::{KnownJob, check_still_ours, prepare_folder, recorded_samples};
+use crate::folder::{KnownJob, Replaced, check_still_ours, prepare_folder, recorded_samples};
 use crate::lock::Lock;
 use crate::manifest::Manifest;
 use crate::mirror::StoreMirror;
@@ -65,6 +65,8 @@ pub struct RunSummary {
     pub shards: u64,
     /// Shards that were there already.
     pub skipped: u64,
+    /// Their samples, and how many of these are not healthy.
+    pub there: [u64; 2],
     /// Shards that were damaged and made again.
     pub damaged: Vec<String>,
     /// Draws that were rejected and drawn again.
@@ -108,7 +110,25 @@ pub enum GenerateError {
     Interrupted,
 }
 
+impl GenerateRequest {
+    /// A run that makes a part of a dataset leaves what runs beside it have made.
+    fn replaced(&self) -> Replaced {
+        match (self.overwrite, &self.shards) {
+            (false, _) => Replaced::Nothing,
+            (true, Some(_)) => Replaced::OtherJobs,
+            (true, None) => Replaced::All,
+        }
+    }
+}
+
 impl RunSummary {
+    /// Counts a shard that was there already.
+    fn count_there(&mut self, stats: &ShardStats) {
+        self.skipped += 1;
+        self.there[0] += stats.samples;
+        self.there[1] += stats.unhealthy;
+    }
+
     /// Adds a shard that this run has written.
     fn count_shard(&mut self, stats: &ShardStats) {
         self.shards += 1;
@@ -255,12 +275,12 @@ fn prepare_target(
 ) -> Result<Option<u64>, GenerateError> {
     let Target { plan, root, mirror, .. } = target;
     let grown_from = match mirror {
-        None => prepare_folder(root, root, plan, request.overwrite)?,
+        None => prepare_folder(root, root, plan, request.replaced())?,
         Some(mirror) => {
             let stats = |number| format!("stats/{}.json", plan.layout.shard(number).name());
             let stats: HashSet<String> = wanted.clone().map(stats).collect();
             mirror.fetch(|name| request.overwrite || stats.contains(name))?;
-            let grown_from = prepare_folder(root, &plan.default_output(), plan, request.overwrite)?;
+            let grown_from = prepare_folder(root, &plan.default_output(), plan, request.replaced())?;
             mirror.push_beginning(plan)?;
             grown_from
         }
@@ -326,7 +346,7 @@ fn run_generation(
         let mut lacking = Vec::new();
         for (target, state) in states.iter().enumerate() {
             match state {
-                ShardState::Valid(_) => done.skipped += 1,
+                ShardState::Valid(stats) => done.count_there(stats),
                 ShardState::Missing => lacking.push(target),
                 ShardState::Damaged => {
                     done.damaged.push(name_in_set(targets, target, &shard.name()));

@@ -9,6 +9,7 @@ use super::paths::ShardPaths;
 use super::sensor_set::SensorSet;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::spelling::quote_for_shell;
 use gelsim_files::store::StoreAddress;
 use gelsim_job::config::object::Object;
 use gelsim_job::config::output::Container;
@@ -69,6 +70,13 @@ impl RecordedDataset {
         }
         if !path.exists() {
             let message = format!("{} is no dataset: there is no job.toml in it", root.display());
+            let above = root.parent().unwrap_or(Path::new(""));
+            let is_member = |set: SensorSet| set.sensors.iter().any(|own| root.ends_with(&own.folder));
+            if SensorSet::find(above).ok().flatten().is_some_and(is_member) {
+                let folder = quote_for_shell(if above == Path::new("") { Path::new(".") } else { above });
+                let help = format!("it belongs to a set: gelsim generate JOB.toml --out {folder} makes it again");
+                return Err(user_error(message, help));
+            }
             return Err(user_error(
                 message,
                 "name the folder that `gelsim generate` wrote, the one with data/ and stats/; a job.toml that was lost \

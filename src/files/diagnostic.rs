@@ -77,10 +77,15 @@ pub struct Subjects {
     pub count: usize,
     /// The first few of them.
     pub first: Vec<String>,
+    /// The places of these, once there are several.
+    places: Vec<Option<SourceSpan>>,
 }
 
 /// Number of subjects that a message names.
 const MAX_NAMED_SUBJECTS: usize = 3;
+
+/// Number of mistakes in different places that a message names: each of them is to be mended.
+const MAX_NAMED_PLACES: usize = 20;
 
 impl Diagnostic {
     /// Makes an error without a place.
@@ -132,14 +137,15 @@ impl Diagnostic {
     /// [`Diagnostics`] joins all messages with the same cause and help into one.
     pub fn about(mut self, subject: impl Into<String>, cause: impl Into<String>) -> Self {
         let subject = shorten_message(escape_hidden_chars(&subject.into()).into_owned());
-        self.subjects = Some(Box::new(Subjects { cause: cause.into(), count: 1, first: vec![subject] }));
+        self.subjects =
+            Some(Box::new(Subjects { cause: cause.into(), count: 1, first: vec![subject], places: Vec::new() }));
         self
     }
 
     /// Returns the message. For several subjects it is their number, what is true of them, and the first few.
     pub fn full_message(&self) -> String {
         match self.subjects.as_deref() {
-            Some(Subjects { cause, count, first }) if *count > 1 => {
+            Some(Subjects { cause, count, first, .. }) if *count > 1 => {
                 let more = match count - first.len() {
                     0 => String::new(),
                     more => format!(" and {more} more"),
@@ -155,8 +161,15 @@ impl Diagnostic {
         let same = self.severity == other.severity && self.help == other.help;
         match (&mut self.subjects, &other.subjects) {
             (Some(own), Some(more)) if same && own.cause == more.cause => {
+                if own.places.is_empty() {
+                    own.places = vec![self.place; own.first.len()];
+                }
                 own.count += more.count;
-                own.first.extend(more.first.iter().take(MAX_NAMED_SUBJECTS.saturating_sub(own.first.len())).cloned());
+                let is_elsewhere = self.severity == Severity::Error && !own.places.contains(&other.place);
+                let most = if is_elsewhere { MAX_NAMED_PLACES } else { MAX_NAMED_SUBJECTS };
+                let named = more.first.iter().take(most.saturating_sub(own.first.len()));
+                own.first.extend(named.cloned());
+                own.places.resize(own.first.len(), other.place);
                 self.place = [self.place, other.place].into_iter().flatten().min();
                 true
             }
@@ -270,7 +283,35 @@ impl Report {
     pub fn new(problems: &Diagnostics, sources: &[SourceText]) -> Self {
         let named =
             |source: &SourceText| SourceText { name: escape_hidden_chars(&source.name).into_owned(), ..source.clone() };
-        Self { problems: problems.sorted_by_place(), sources: sources.iter().map(named).collect() }
+        let mut report = Self { problems: problems.sorted_by_place(), sources: sources.iter().map(named).collect() };
+        let placed: Vec<_> = report.problems.iter().map(|problem| report.name_places(problem)).collect();
+        for (problem, first) in report.problems.iter_mut().zip(placed) {
+            if let (Some(subjects), Some(first)) = (&mut problem.subjects, first) {
+                subjects.first = first;
+                subjects.places.clear();
+            }
+        }
+        report
+    }
+
+    /// Returns the subjects of a message, each with its place, if they are in different ones of a job or the command
+    /// line. Rows of a table are alike, so that the first few are enough.
+    fn name_places(&self, problem: &Diagnostic) -> Option<Vec<String>> {
+        let Subjects { first, places, .. } = problem.subjects.as_deref()?;
+        let (start, rest) = places.split_first()?;
+        if rest.iter().all(|place| place == start) {
+            return None;
+        }
+        let is_setting = |name: &str| name.ends_with(".toml") || name.starts_with("--");
+        let source = problem.place.and_then(|place| self.sources.get(place.source));
+        if !source.is_some_and(|source| is_setting(&source.name)) {
+            return Some(first.iter().take(MAX_NAMED_SUBJECTS).cloned().collect());
+        }
+        let with_place = |(name, place): (&String, &Option<SourceSpan>)| {
+            let at = place.and_then(|place| self.format_span(place));
+            at.map_or_else(|| name.clone(), |at| format!("{name} ({at})"))
+        };
+        Some(first.iter().zip(places).map(with_place).collect())
     }
 
     /// Makes a report of one error that has no place.
@@ -280,7 +321,10 @@ impl Report {
 
     /// Returns the place of one of the report's messages as `file:line:column`, if it has a place.
     pub fn format_place(&self, problem: &Diagnostic) -> Option<String> {
-        let place = problem.place?;
+        self.format_span(problem.place?)
+    }
+
+    fn format_span(&self, place: SourceSpan) -> Option<String> {
         let source = self.sources.get(place.source)?;
         let line = MarkedLine::from_text(&source.text, place);
         Some(format!("{}:{}:{}", source.name, line.number, line.column_number()))

@@ -19,10 +19,15 @@ pub const EXPORT_USD: &str = "open it in Blender and export it as .glb, or, for 
 /// What to do with an archive.
 pub const UNPACK_ARCHIVE: &str = "unpack it, and name what is in it";
 
+const FROM_UTF_16: &str = "save it as UTF-8, e.g. iconv -f utf-16 -t utf-8 IN > OUT";
+
 const FROM_PICKLE: &str = "write what is in it with numpy.save, or as a file of the format that belongs here";
 
 /// The first bytes of known kinds of files, what they are, and what to do.
 const SIGNATURES: &[(&[u8], &str, &str)] = &[
+    (b"\xff\xfe\x00\x00", "UTF-32 text", "save it as UTF-8, e.g. iconv -f utf-32 -t utf-8 IN > OUT"),
+    (b"\xff\xfe", "UTF-16 text", FROM_UTF_16),
+    (b"\xfe\xff", "UTF-16 text", FROM_UTF_16),
     (b"\x1f\x8b", "packed by gzip", UNPACK_ARCHIVE),
     (b"PK\x03\x04", "a ZIP archive", UNPACK_ARCHIVE),
     (b"PK\x05\x06", "an empty ZIP archive", UNPACK_ARCHIVE),
@@ -102,6 +107,20 @@ pub fn identify_foreign_binary(bytes: &[u8]) -> Option<ForeignFile> {
     })
 }
 
+/// Decodes a text. The error says where it is not UTF-8, or what it is instead, and what to do.
+pub fn decode_text(bytes: Vec<u8>) -> Result<String, String> {
+    if let Some(foreign) = identify_foreign_file(&bytes).filter(|_| !bytes.is_empty()) {
+        return Err(foreign.to_string());
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let (before, bytes) = (error.utf8_error().valid_up_to(), error.as_bytes());
+        let before = String::from_utf8_lossy(&bytes[..before]);
+        let (line, column) =
+            (before.matches('\n').count() + 1, before.rsplit('\n').next().unwrap_or("").chars().count() + 1);
+        format!("it is not UTF-8 at line {line}, column {column}: save it so, e.g. iconv -f latin1 -t utf-8 IN > OUT")
+    })
+}
+
 /// Writes one sentence to be used as a reason: what it is, and what to do.
 impl std::fmt::Display for ForeignFile {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -124,6 +143,7 @@ mod tests {
             (b"\x00\x05\x16\x07\x00\x02\x00\x00Mac OS X", "a companion file of macOS"),
             (b"", "empty"),
             (b"PK\x03\x04rest", "a ZIP archive"),
+            (b"\xff\xfea\0", "UTF-16 text"),
             (b"\x1f\x8b\x08", "packed by gzip"),
             (b"\xff\xd8\xff\xe0", "a JPEG picture"),
             (&[0; 600], "all zeros"),

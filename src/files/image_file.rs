@@ -63,6 +63,8 @@ pub fn decode_image(bytes: &[u8]) -> Result<DynamicImage, String> {
     size_limits::check_image_bytes(size, pixel.bytes_per_pixel() as usize + 3, bytes.len())?;
     match format {
         ImageFormat::Png => png::decode(bytes),
+        // The decoder would make the rows that are missing up.
+        ImageFormat::Jpeg if !has_jpeg_end(bytes) => Err(String::from("it is cut off")),
         _ => create_reader(bytes, format).decode().map_err(|error| explain_image_error(&error, name)),
     }
 }
@@ -122,18 +124,29 @@ pub fn read_size_of_file(path: &Path) -> Result<[usize; 2], String> {
 /// unpacked.
 pub fn read_size_of_bytes(bytes: &[u8]) -> Result<[usize; 2], String> {
     let (format, name) = detect_format(bytes)?;
-    let tail = &bytes[bytes.len().saturating_sub(TAIL_BYTES as usize)..];
     match format {
-        ImageFormat::Png => read_png_size(bytes, tail),
-        ImageFormat::Jpeg if !tail.windows(2).any(|window| window == [0xff, 0xd9]) => {
-            Err(String::from("it is cut off"))
-        }
+        ImageFormat::Png => read_png_size(bytes, &bytes[bytes.len().saturating_sub(TAIL_BYTES as usize)..]),
+        ImageFormat::Jpeg if !has_jpeg_end(bytes) => Err(String::from("it is cut off")),
         _ => read_header_as(bytes, format, name).map(|(size, _)| size),
     }
 }
 
-/// Bytes of the end of a file that are searched: the last chunk of a PNG has 12 bytes and a JPEG's end marker 2, and
-/// some programs put a few more behind it.
+/// Returns true if a JPEG has an end behind the beginning of its pixels. The small picture in its header has one, too.
+fn has_jpeg_end(bytes: &[u8]) -> bool {
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    while let [0xff, marker, after @ ..] = rest {
+        rest = match (marker, after) {
+            (0xda, _) => break,
+            (0xff, _) => &rest[1..],
+            (0x01 | 0xd0..=0xd7, _) => after,
+            (_, [high, low, ..]) => after.get(usize::from(u16::from_be_bytes([*high, *low]))..).unwrap_or_default(),
+            _ => return false,
+        };
+    }
+    rest.windows(2).any(|pair| pair == [0xff, 0xd9])
+}
+
+/// Bytes of the end of a PNG that are searched: its last chunk has 12, and some programs put a few more behind it.
 const TAIL_BYTES: u64 = 64;
 
 fn read_png_size(head: &[u8], tail: &[u8]) -> Result<[usize; 2], String> {
@@ -176,6 +189,25 @@ mod tests {
         let mut bytes = Cursor::new(Vec::new());
         DynamicImage::ImageRgb8(picture).write_to(&mut bytes, format).expect("encoded");
         bytes.into_inner()
+    }
+
+    #[test]
+    fn a_jpeg_without_its_end_is_refused_though_the_picture_in_its_header_has_one() {
+        let whole = encoded(ImageFormat::Jpeg);
+        // A comment with an end in it, as a small picture in a header has, and what some programs write behind the end.
+        let header = [&whole[..2], b"\xff\xfe\x00\x06\xff\xd9\xff\xd9", &whole[2..]].concat();
+        let followed = [&header[..], &[7; 200]].concat();
+        for bytes in [&whole, &header, &followed] {
+            assert_eq!(decode_rgb(bytes).map(|picture| picture.dimensions()), Ok((24, 16)));
+            assert_eq!(read_size_of_bytes(bytes), Ok([24, 16]));
+        }
+        for bytes in [&whole, &header] {
+            for kept in [bytes.len() - 2, bytes.len() - 20] {
+                let cut = &bytes[..kept];
+                assert_eq!(decode_rgb(cut).map(|_| ()), Err(String::from("it is cut off")));
+                assert_eq!(read_size_of_bytes(cut), Err(String::from("it is cut off")));
+            }
+        }
     }
 
     #[test]

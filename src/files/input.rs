@@ -8,8 +8,10 @@ use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
+use glob::{MatchOptions, Pattern, PatternError};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
+use walkdir::WalkDir;
 
 use super::spelling::find_nearest_name;
 use super::{foreign, watch};
@@ -59,6 +61,33 @@ fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
     Ok((file, metadata.len()))
 }
 
+/// Resolves the links of a path, as far as it exists. An empty one is the current folder.
+pub fn canonicalize_existing(path: &Path) -> io::Result<PathBuf> {
+    let path = std::path::absolute(if path == Path::new("") { Path::new(".") } else { path })?;
+    match (path.canonicalize(), path.parent(), path.file_name()) {
+        (Err(error), Some(folder), Some(name)) if error.kind() == io::ErrorKind::NotFound => {
+            Ok(canonicalize_existing(folder)?.join(name))
+        }
+        (found, ..) => found,
+    }
+}
+
+/// Returns true if both paths exist and lead to the same file or folder.
+pub fn is_same_path(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// Returns how a path is written in a file of `folder`. Links on the way are resolved, but not the last part: an object
+/// has the name of its file or link.
+pub fn relative_to(path: &Path, folder: &Path) -> io::Result<PathBuf> {
+    let absolute = std::path::absolute(if path == Path::new("") { Path::new(".") } else { path })?;
+    let path = match (absolute.parent(), absolute.file_name()) {
+        (Some(above), Some(name)) => canonicalize_existing(above)?.join(name),
+        _ => canonicalize_existing(&absolute)?,
+    };
+    Ok(pathdiff::diff_paths(&path, canonicalize_existing(folder)?).unwrap_or(path))
+}
+
 /// Suggests the name of a file that may have been meant by a missing one beside it: one with another case, with an
 /// extension, or with a slip of the keys. Only files for which `wanted` is true are suggested.
 pub fn suggest_file_name(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Option<String> {
@@ -68,7 +97,9 @@ pub fn suggest_file_name(missing: &Path, wanted: impl Fn(&Path) -> bool) -> Opti
     let folder = missing.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
     let entries =
         folder.read_dir().ok()?.take(MAX_ENTRIES).filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-    let mut names: Vec<String> = entries.filter(|name| wanted(Path::new(name))).collect();
+    // Of a link to nothing the name is there, and the file is not.
+    let is_there = |found: &String| found != name && wanted(Path::new(found)) && folder.join(found).exists();
+    let mut names: Vec<String> = entries.filter(is_there).collect();
     names.sort();
     let stem = |name: &str| Path::new(name).file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let alike = names.iter().find(|found| found.eq_ignore_ascii_case(name));
@@ -95,18 +126,77 @@ fn is_not_found(error: &io::Error) -> bool {
 
 /// Returns the files that match a pattern, sorted, without the companion files of macOS (`._NAME`). Folders that may
 /// not be read are passed over, as a shell does. Any other reason is an error, since files would be missing in silence.
-pub fn collect_matching_files(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
-    let is_companion = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"));
+pub fn find_matching_files(pattern: &str) -> Result<io::Result<Vec<PathBuf>>, PatternError> {
+    Pattern::new(pattern)?;
+    // At the end it stands for folders.
+    if pattern.rsplit('/').next() == Some("**") {
+        return Ok(Ok(Vec::new()));
+    }
+    let inside = |at: usize| Pattern::new(&pattern[at..]);
+    let found = match find_any_folders(pattern) {
+        None => collect_readable(glob::glob(pattern)?),
+        Some(0) => find_below(Path::new(""), &inside(0)?),
+        Some(at) => {
+            let inside = inside(at)?;
+            collect_readable(glob::glob(&pattern[..at])?)
+                .and_then(|folders| folders.iter().map(|folder| find_below(folder, &inside)).collect())
+                .map(|found: Vec<Vec<PathBuf>>| found.concat())
+        }
+    };
+    Ok(found.map(|mut found| {
+        found.retain(|path| !is_companion(path) && may_be_file(path));
+        found.sort();
+        found
+    }))
+}
+
+/// Returns where the first `**` of a pattern begins.
+fn find_any_folders(pattern: &str) -> Option<usize> {
+    let mut start = 0;
+    for part in pattern.split('/') {
+        if part == "**" {
+            return Some(start);
+        }
+        start += part.len() + 1;
+    }
+    None
+}
+
+fn is_companion(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"._"))
+}
+
+fn collect_readable(paths: glob::Paths) -> io::Result<Vec<PathBuf>> {
+    let is_readable = |path: &glob::GlobResult| match path {
+        Err(error) => error.error().kind() != io::ErrorKind::PermissionDenied,
+        Ok(_) => true,
+    };
+    paths.filter(is_readable).map(|path| path.map_err(io::Error::other)).collect()
+}
+
+/// Returns true for what a search passes over: a folder that may not be read, a link to nothing or to itself.
+fn is_passed_over(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound)
+        || error.raw_os_error() == Some(Errno::LOOP.raw_os_error())
+}
+
+/// Returns what matches a pattern in a folder and the folders in it, also behind links. A link back to a folder on the
+/// way to it is not followed: `glob` would go round until the path is too long.
+fn find_below(folder: &Path, pattern: &Pattern) -> io::Result<Vec<PathBuf>> {
+    let options = MatchOptions { require_literal_separator: true, ..MatchOptions::new() };
+    let root = if folder == Path::new("") { Path::new(".") } else { folder };
     let mut found = Vec::new();
-    for path in paths {
-        match path {
-            Ok(path) if !is_companion(&path) && may_be_file(&path) => found.push(path),
-            Ok(_) => {}
-            Err(error) if error.error().kind() == io::ErrorKind::PermissionDenied => {}
-            Err(error) => return Err(io::Error::other(error)),
+    for entry in WalkDir::new(root).min_depth(1).follow_links(true) {
+        let entry = match entry {
+            Ok(entry) => entry,
+            Err(error) if error.io_error().is_none_or(is_passed_over) => continue,
+            Err(error) => return Err(error.into()),
+        };
+        let inside = entry.path().strip_prefix(root).unwrap_or(entry.path());
+        if pattern.matches_with(&inside.to_string_lossy(), options) {
+            found.push(folder.join(inside));
         }
     }
-    found.sort();
     Ok(found)
 }
 
@@ -154,6 +244,38 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn a_pattern_finds_each_file_once_though_links_lead_in_circles() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::create_dir_all(at("set/deep/er")).unwrap();
+        fs::create_dir_all(at("other")).unwrap();
+        for name in
+            ["set/a.obj", "set/deep/b.obj", "set/deep/er/c.obj", "set/deep/er/._c.obj", "set/d.txt", "other/e.obj"]
+        {
+            fs::write(at(name), b"").unwrap();
+        }
+        let links = [(".", "set/self"), ("..", "set/deep/up"), ("er", "set/deep/er/er"), ("gone", "set/gone.obj")];
+        for (to, link) in links.into_iter().chain([("../other", "set/linked")]) {
+            std::os::unix::fs::symlink(to, at(link)).unwrap();
+        }
+        let find = |pattern: &str| {
+            let pattern = format!("{}/{pattern}", Pattern::escape(folder.path().to_str().unwrap()));
+            let found = find_matching_files(&pattern).unwrap().unwrap();
+            let name = |path: &PathBuf| path.strip_prefix(folder.path()).unwrap().to_str().unwrap().to_owned();
+            found.iter().map(name).collect::<Vec<_>>()
+        };
+        let all = ["set/a.obj", "set/deep/b.obj", "set/deep/er/c.obj", "set/linked/e.obj"];
+        assert_eq!(find("set/**/*.obj"), all);
+        assert_eq!(find("se?/**/*.obj"), all);
+        assert_eq!(find("set/**/deep/**/*.obj"), all[1..3]);
+        assert_eq!(find("set/**/er/c.obj"), all[2..3]);
+        assert_eq!(find("set/*.obj"), all[..1]);
+        assert_eq!(find("set/**"), [""; 0]);
+        assert_eq!(find("none/**/*.obj"), [""; 0]);
+        assert!(find_matching_files("a**/b").is_err());
+    }
 
     #[test]
     fn a_file_is_read_up_to_the_limit_and_what_is_no_file_is_refused() {

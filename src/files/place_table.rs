@@ -38,7 +38,13 @@ pub fn parse_places(path: &str, bytes: &[u8], kind: PlaceKind) -> Result<Vec<Pla
     let PlaceKind { name, max_diameter_mm, is_distinct } = kind;
     let source = match csv_table::decode_source(Path::new(path), bytes) {
         Ok(source) => source,
-        Err(_) => return Err(vec![format!("{path}: the table of {name}s is not UTF-8; save it as CSV in UTF-8")]),
+        Err(report) => {
+            let said = report.problems().iter().map(|problem| {
+                let at = report.format_place(problem).unwrap_or_else(|| path.to_owned());
+                format!("{at}: {}; save it as CSV in UTF-8", problem.full_message())
+            });
+            return Err(said.collect());
+        }
     };
     let mut mistakes = Vec::new();
     let mut report = |row: &TableRow<'_>, cell: usize, what: String| {

@@ -2,6 +2,8 @@
 
 use std::cell::Cell;
 
+use gelsim_files::number_format::format_number;
+
 /// Most presses that are tried.
 pub const MAX_PRESSES: u32 = 40;
 
@@ -56,8 +58,9 @@ pub fn press_for_force(
         true => (depth_mm, Ok(off.max(FORCE_TOLERANCE))),
         false => {
             let found_n = last_n.get();
+            let depth = format_number(depth_mm);
             let reason =
-                format!("{wanted_n:.3} N are wanted, but at {depth_mm:.3} mm the force jumps to {found_n:.3} N");
+                format!("{wanted_n:.3} N are wanted, but near {depth} mm the force jumps past it: {found_n:.3} N");
             (depth_mm, Err(reason))
         }
     }

@@ -381,6 +381,15 @@ impl Scene {
             .fold(self.indentation_depth_mm, |deepest, other| deepest.max(other.indentation_depth_mm))
     }
 
+    /// Returns how far what is pressed reaches below the undeformed pad, mm; 0 without contact. Its depth may be measured
+    /// on the sensor's axis, where it need not be deepest.
+    pub fn reach_mm(&self, plan: &Plan) -> f64 {
+        match plan.job.indentation.at {
+            At::Axis => self.indenter(plan).depth_mm().max(0.0),
+            _ => self.deepest_mm(),
+        }
+    }
+
     /// Returns the outlines of its objects in the plane over which they are posed, the first object's first. Empty for
     /// a depth frame.
     pub fn outlines(&self) -> Vec<Outline> {

@@ -31,12 +31,13 @@ pub fn with_distributions(schema: Schema) -> Value {
     for (path, _) in Sensor::with_every_number(1).numbers_mut() {
         // The path has the tables on the way and the number, which is a key or an element of the list at a key.
         let keys: Vec<&str> = path.split('.').filter(|segment| segment.parse::<usize>().is_err()).collect();
-        let is_element = path.ends_with(|last: char| last.is_ascii_digit());
+        let is_element = path.rsplit('.').next().is_some_and(|last| last.parse::<usize>().is_ok());
         let (key, way) = keys.split_last().expect("a path has a last key");
         let definition = match way.last() {
             None => "Sensor",
             Some(&"led") => "Led",
             Some(&"rendered_background") => "RenderedBackground",
+            Some(&"pattern") if way.contains(&"led") => "LightPattern",
             Some(_) => "Pattern",
         };
         let Some(property) = find_properties(&mut schema, definition).and_then(|all| all.get_mut(*key)) else {
@@ -82,6 +83,9 @@ pub fn with_short_forms(mut schema: Value) -> Value {
             }));
         }
         choices.push(json!({ "enum": names, "description": "A model with its defaults." }));
+    }
+    if let Some(choices) = schema["$defs"]["Shadows"]["oneOf"].as_array_mut() {
+        choices.push(json!({ "const": "soft", "description": "Shadows with their defaults." }));
     }
     schema
 }

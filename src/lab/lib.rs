@@ -5,6 +5,7 @@ pub mod compare;
 pub mod inspect;
 pub mod metrics;
 pub mod numbers;
+pub mod outcome;
 pub mod page;
 pub mod presses;
 pub mod preview;

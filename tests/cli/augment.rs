@@ -189,7 +189,7 @@ fn a_table_keeps_its_rows_and_images_and_every_new_row_is_traced() {
     let reals: Vec<_> = after.iter().filter(|row| row["source"] == "real").collect();
     for (was, is) in before.iter().zip(&reals) {
         assert!(was.iter().all(|(column, value)| is[column] == *value), "{was:?}\n{is:?}");
-        assert_eq!((is["source_key"].as_str(), is["augmentation"].as_str()), ("", ""));
+        assert_eq!((is["source_key"].as_str(), is["augmentation"].as_str()), (was["file"].as_str(), "{}"));
         let name = &was["file"];
         assert_eq!(folder.read_bytes(&format!("larger/{name}")), folder.read_bytes(&format!("real/{name}")));
     }
@@ -207,7 +207,7 @@ fn a_table_keeps_its_rows_and_images_and_every_new_row_is_traced() {
                 assert!(done["exposure_ev"].as_f64().expect("a number").abs() <= 0.5);
             }
             "synthetic" => {
-                assert_eq!((row["operator"].as_str(), row["source_key"].as_str()), ("", ""));
+                assert_eq!((row["operator"].as_str(), row["source_key"].as_str()), ("", row["file"].as_str()));
                 assert!(["cube", "pointed"].contains(&row["class"].as_str()), "{row:?}");
                 let depth: f64 = row["depth_mm"].parse().expect("a number");
                 assert!((0.2..=1.2).contains(&depth));

@@ -463,6 +463,14 @@ fn presses_are_simulated_from_circle_and_ball_alone_and_held_against_their_image
     let picture = |bytes: &[u8]| image::load_from_memory(bytes).expect("a picture").into_rgb8();
     assert!(pictures.values().all(|bytes| picture(bytes).dimensions() == (SIZE_PX[0], SIZE_PX[1])));
 
+    // Those of the user stay.
+    let real = folder.read_bytes("0.png");
+    for out in [".", "out/.."] {
+        let said = folder.fail(&format!("calibrate --evaluate presses.csv --sensor sensor.toml --out {out}"), 2);
+        assert!(said.contains("7 files would be written over: 0.png, 1.png, 2.png and 4 more"), "{said}");
+        assert!(said.contains("choose another folder with --out") && folder.read_bytes("0.png") == real, "{said}");
+    }
+
     // The images are not looked at: pictures of nothing change figures only.
     for k in 1..7 {
         rest().save(folder.path(&format!("{k}.png"))).expect("an image");

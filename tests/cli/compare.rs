@@ -158,6 +158,20 @@ fn sets_without_pairs_are_compared_as_sets() {
 }
 
 #[test]
+fn a_shard_that_lacks_samples_is_refused_and_not_taken_for_a_choice() {
+    let folder = pairs();
+    folder.write("job.toml", crate::support::JOB);
+    folder.succeed("generate job.toml --quiet --out set");
+    let shard = folder.read_bytes("set/data/train-000000.tar");
+    folder.write("set/data/train-000000.tar", "");
+    let said = folder.fail("compare real set", 2);
+    assert!(said.contains("train-000000.tar: 0 samples are in it, and 3 belong there"), "{said}");
+    assert!(said.contains("`gelsim verify set`"), "{said}");
+    folder.write("set/data/train-000000.tar", shard);
+    run(&folder, "compare real set");
+}
+
+#[test]
 fn what_is_wrong_with_folders_and_images_is_said_at_once() {
     let folder = pairs();
     let said = folder.fail("compare none sim2", 2);
@@ -166,6 +180,10 @@ fn what_is_wrong_with_folders_and_images_is_said_at_once() {
     assert!(folder.fail("compare empty sim", 2).contains("empty: no images in it"));
     assert!(folder.fail("compare real cube.obj", 2).contains("cube.obj is no folder"));
     assert!(folder.fail("compare real sim --out cube.obj", 2).contains("cube.obj is not a folder"));
+    for side in ["real", "./sim"] {
+        let said = folder.fail(&format!("compare real sim --out {side}"), 2);
+        assert!(said.contains("the results would lie among the images"), "{said}");
+    }
     save(&folder, "sim/1.png", &picture([64, 47], 9.0, 0));
     folder.write("sim/2.png", "no image");
     let said = folder.fail("compare real sim --out out", 2);

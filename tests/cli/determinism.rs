@@ -41,6 +41,18 @@ fn partitions_in_any_order_make_the_dataset_of_a_single_run() {
 }
 
 #[test]
+fn a_part_that_overwrites_leaves_what_other_parts_of_the_job_have_made() {
+    let folder = Folder::with_job(JOB);
+    folder.succeed("generate job.toml --quiet --out complete");
+    // Another job was there.
+    folder.succeed("generate job.toml --quiet --out parts --seed 99");
+    for part in 0..2 {
+        folder.succeed(&format!("generate job.toml --quiet --out parts --partition {part}/2 --overwrite"));
+    }
+    assert_same_files(&folder.lasting_files("complete"), &folder.lasting_files("parts"));
+}
+
+#[test]
 fn partitions_at_the_same_time_make_the_dataset_of_a_single_run() {
     let folder = Folder::with_job(JOB);
     folder.succeed("generate job.toml --quiet --out complete");

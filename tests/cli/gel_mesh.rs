@@ -118,7 +118,7 @@ fn gels_that_make_no_sense_are_refused_with_a_way_out() {
             "leaves the gel at z = 2.000",
             "[0.0, 0.0, 0.0]",
         ),
-        (&whole, "\"gel.obj\"", "\"gel.obj\", sha256 = \"00\"", "has changed: its SHA-256", "restore the file"),
+        (&whole, "\"gel.obj\"", "\"gel.obj\", sha256 = \"00\"", "no SHA-256: that of the gel's mesh", "sha256sum"),
         (&whole, "-15.0]", "1.0]", "the camera stands in the gel, or outside", "2 mm thick"),
         (
             &whole,

@@ -284,6 +284,9 @@ fn what_the_pads_cannot_give_is_not_healthy_and_says_why() {
         let said =
             folder.fail("generate job.toml --quiet --out kept --samples 2 --set output.on_unhealthy=\"keep\"", 1);
         assert!(said.contains("none of the 2 samples is healthy"), "{said}");
+        // Nor are they the second time, when all of them are there.
+        let again = "generate job.toml --quiet --out kept --samples 2 --set output.on_unhealthy=\"keep\"";
+        assert!(folder.fail(again, 1).contains("none of the 2 samples is healthy"));
         folder.succeed("verify kept");
         for (key, label) in folder.labels("kept") {
             assert_eq!(label["gripper"]["balanced"], false, "{key}");

@@ -253,7 +253,11 @@ fn markers_that_contradict_themselves_and_tables_that_make_no_sense_are_refused_
         "",
         &["cannot read the table of dots", "a CSV file with the columns x_mm and y_mm belongs here"],
     );
-    refused("file = \"dots.csv\"\nfile_sha256 = \"00\"", "x_mm,y_mm\n0,0\n", &["has changed: its SHA-256 is"]);
+    refused(
+        "file = \"dots.csv\"\nfile_sha256 = \"00\"",
+        "x_mm,y_mm\n0,0\n",
+        &["no SHA-256: that of the table of dots dots.csv is"],
+    );
 }
 
 #[test]

@@ -194,6 +194,38 @@ fn a_file_that_is_not_there_is_named() {
 }
 
 #[test]
+fn a_path_without_a_name_is_refused() {
+    for written in ["", "  "] {
+        one_mistake("\"cone.obj\"", &format!("«\"{written}\"»"), "the path is empty", "name a mesh");
+    }
+    one_mistake("[sensor]", "[sensor]\nbackground = «\"\"»", "the path is empty", "a PNG of the untouched pad");
+}
+
+#[test]
+fn a_link_to_nothing_is_not_suggested_in_its_own_place() {
+    let elsewhere = Folder::new();
+    std::os::unix::fs::symlink("gone.obj", elsewhere.path("dangling.obj")).expect("a link");
+    for (name, title) in [("dangling.obj", "is a link to what does not exist"), ("dangling.ob", "does not exist")] {
+        let to = format!("«\"{}\"»", elsewhere.path(name).display());
+        let folder = Folder::new();
+        refused_at_marks(&folder, &edited(JOB, &[("\"cone.obj\"", &to)]), "", &[(title, "paths are relative")]);
+        assert!(!folder.fail("generate job.toml", 2).contains("did you mean"));
+    }
+}
+
+#[test]
+fn each_place_of_a_mistake_that_is_made_often_is_named() {
+    let tables: String = (0..12).map(|i| format!("[[object]]\npath = \"missing-{i}.obj\"\n")).collect();
+    let folder = Folder::with_job(&format!("{JOB}{tables}"));
+    let said = folder.fail("generate job.toml", 2);
+    let first = 1 + JOB.lines().count();
+    for i in 0..12 {
+        assert!(said.contains(&format!("missing-{i}.obj (job.toml:{}:8)", first + 1 + 2 * i)), "{said}");
+    }
+    assert_eq!(said.matches("error: ").count(), 1, "{said}");
+}
+
+#[test]
 fn a_pattern_without_a_match_is_refused() {
     one_mistake("\"cone.obj\"", "«\"meshes/*.stl\"»", "no file matches meshes/*.stl", "relative to the file");
     one_mistake("\"cone.obj\"", "«\"a***b\"»", "not a pattern", "stand for characters");
@@ -642,7 +674,15 @@ fn a_background_that_is_no_picture_is_refused() {
 
 #[test]
 fn a_file_with_another_content_than_the_job_says_is_refused() {
-    one_mistake("weight = 2.0", "sha256 = «\"00\"»", "cone.obj has changed: its SHA-256 is ", "restore the file");
+    let other = "0".repeat(64);
+    let to = format!("sha256 = «\"{other}\"»");
+    one_mistake("weight = 2.0", &to, "cone.obj has changed: its SHA-256 is ", "restore the file");
+    one_mistake("weight = 2.0", "sha256 = «\"00\"»", "no SHA-256: that of cone.obj is ", "as sha256sum prints it");
+    // Other programs write capitals.
+    let folder = Folder::new();
+    let hash = gelsim_files::hash::sha256(folder.read("cone.obj").as_bytes()).to_uppercase();
+    folder.write("job.toml", edited(JOB, &[("weight = 2.0", &format!("sha256 = \"{hash}\""))]));
+    folder.succeed("plan job.toml");
 }
 
 #[test]
@@ -664,6 +704,7 @@ fn a_mistake_on_the_command_line_is_shown_with_its_flag() {
     );
     at("--set object.5.weight=1", "--set:1:1", "object.5.weight", "no such element; the list has 2", "");
     at("--set object.0.path=\"no.obj\"", "--set:1:15", "\"no.obj\"", "no.obj does not exist", "");
+    at("--set dataset.name.x=1", "--set:1:1", "dataset.name.x", "expected text in quotes, found a table", "");
     at("--samples 0", "--samples:1:19", "0", "samples = 0 is out of range", "allowed: 1 to");
     at("--seed 9007199254740992", "--seed:1:16", "9007199254740992", "seed = 9007199254740992", "9007199254740991");
 }
@@ -748,7 +789,7 @@ fn a_job_that_is_no_text_or_not_there_is_refused() {
     folder.write("job.toml", JOB);
     assert!(folder.fail("generate jobs.toml", 2).contains("did you mean job.toml?"));
     folder.write("job.toml", b"name = \"\xff\"");
-    assert!(folder.fail("generate job.toml", 2).contains("job.toml: not UTF-8 at byte 8"));
+    assert!(folder.fail("generate job.toml", 2).contains("it is not UTF-8 at line 1, column 9"));
 }
 
 #[test]
@@ -942,8 +983,9 @@ fn roll_and_pitch_stand_in_place_of_the_tilt() {
 fn a_height_map_with_another_content_than_the_job_says_is_refused() {
     let folder = Folder::new();
     folder.write("skin.png", gelsim_files::png::encode_grey(2, 2, &[0, 60, 120, 180]));
-    let to = "[texture]\npatterns = [{ image = { path = \"skin.png\", sha256 = «\"00\"» } }]\n[output]";
-    one_mistake_in(&folder, "[output]", to, "the height map skin.png has changed", "restore the file");
+    let to = "[texture]\npatterns = [{ image = { path = \"skin.png\", sha256 = «\"HASH\"» } }]\n[output]";
+    let to = to.replace("HASH", &"0".repeat(64));
+    one_mistake_in(&folder, "[output]", &to, "the height map skin.png has changed", "restore the file");
 }
 
 #[test]
@@ -961,6 +1003,8 @@ fn backslashes_in_a_path_are_told() {
     assert!(error.contains("not valid TOML") && error.contains("write / between folders"), "{error}");
     let title = "meshes\\cone.obj does not exist";
     one_mistake("\"cone.obj\"", "«'meshes\\cone.obj'»", title, "write / between folders: \"meshes/cone.obj\"");
+    // What the backslash begins is no slip of syntax.
+    one_mistake("\"cone.obj\"", "«\"a\\new\\table.obj\"»", "does not exist", "write \"a/new/table.obj\"");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::os::unix::ffi::OsStrExt;
 
 use serde_json::Value;
 
@@ -240,6 +241,36 @@ fn init_guesses_units_and_refuses_what_holds_no_mesh() {
     folder.write("empty/bad.obj", "v 0 0 0\n");
     assert!(folder.fail("init --objects empty job.toml", 2).contains("no mesh in empty can be used"));
     assert!(!folder.path("job.toml").exists());
+}
+
+#[test]
+fn a_job_finds_the_meshes_wherever_init_writes_it() {
+    let folder = Folder::new();
+    for inside in ["here/meshes", "there/deeper"] {
+        fs::create_dir_all(folder.path(inside)).expect("a folder");
+    }
+    fs::write(folder.path("here/meshes/one.obj"), folder.read("cube.obj")).expect("a mesh");
+    std::os::unix::fs::symlink("there/deeper", folder.path("link")).expect("a link");
+    for (objects, job) in [
+        ("here/meshes", "there/../job.toml"),
+        ("here/meshes", "there/job.toml"),
+        ("here/meshes", "link/job.toml"),
+        ("here/../here/meshes", "job.toml"),
+    ] {
+        folder.succeed(&format!("init --objects {objects} {job}"));
+        folder.succeed(&format!("plan {job} --samples 2"));
+        fs::remove_file(folder.path(job)).expect("the job");
+    }
+    for (objects, job) in [("meshes", "../again.toml"), (".", "../../again.toml")] {
+        let inside = if objects == "." { "here/meshes" } else { "here" };
+        let mut command = folder.gelsim(&format!("init --objects {objects} {job}"));
+        command.current_dir(folder.path(inside)).assert().success();
+        folder.succeed("plan again.toml --samples 2");
+        fs::remove_file(folder.path("again.toml")).expect("the job");
+    }
+    let odd = std::ffi::OsStr::from_bytes(b"here/meshes/b\xe4d.obj");
+    fs::write(folder.path("").join(odd), folder.read("cube.obj")).expect("a mesh");
+    assert!(folder.fail("init --objects here/meshes odd.toml", 2).contains("is not UTF-8, so that no job can hold it"));
 }
 
 /// A float32 array as an npy file, row by row.
@@ -601,7 +632,10 @@ fn paths_that_name_nothing_are_told_together() {
     let many: String = (0..60).map(|i| format!("[[object]]\npath = \"none-{i}.obj\"\n")).collect();
     folder.write("job.toml", job(&many));
     let error = folder.fail("generate job.toml", 2);
-    assert!(error.contains("60 files do not exist: none-0.obj, none-1.obj, none-2.obj and 57 more"), "{error}");
+    assert!(
+        error.contains("60 files do not exist: none-0.obj (job.toml:") && error.contains(" and 40 more"),
+        "{error}"
+    );
     assert_eq!(error.matches("error: ").count(), 1, "{error}");
 }
 

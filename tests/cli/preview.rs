@@ -153,6 +153,9 @@ fn a_sheet_of_effects_needs_a_job_that_has_some() {
     assert!(text.contains("samples 0 to 7: no effect is enabled"), "{text}");
     let text = folder.fail("preview job.toml --effects --key 8 --out effects.png", 2);
     assert!(text.contains("there is no sample 8"), "{text}");
+    for flags in ["--count 0", "--columns 0", "--panel 0", "--key 1 --count 2"] {
+        folder.fail(&format!("preview job.toml --out none.png {flags}"), 2);
+    }
     folder.fail("preview job.toml --effects --columns 2 --out effects.png", 2);
     folder.succeed("generate job.toml --quiet");
     let text = folder.fail("preview out/small --effects --out effects.png", 2);

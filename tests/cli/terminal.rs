@@ -201,6 +201,23 @@ fn assert_drawn(shown: &Shown, columns: u16, what: &str) {
 }
 
 #[test]
+fn events_are_one_line_each_for_programs_also_on_a_terminal() {
+    let folder = Folder::with_job(JOB);
+    for (arguments, status) in
+        [("generate job.toml --log-format json", 0), ("generate job.toml --threads 0 --log-format json", 2)]
+    {
+        let shown = Terminal::of(WIDTHS[0]).run(&folder, arguments);
+        assert_eq!(shown.status, status);
+        let lines: Vec<&str> = shown.raw.lines().filter(|line| !line.trim().is_empty()).collect();
+        assert!(!lines.is_empty());
+        for line in lines {
+            let event: serde_json::Value = serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
+            assert!(event["event"].is_string(), "{line}");
+        }
+    }
+}
+
+#[test]
 fn progress_is_a_bar_within_the_terminal_and_nothing_on_a_dumb_one() {
     let folder = Folder::with_job(&edited(JOB, &[("samples = 8", "samples = 400")]));
     let meshes = folder.path("meshes");

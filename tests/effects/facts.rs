@@ -85,6 +85,36 @@ fn specks_of_dust_stay_where_they_are_and_are_more_where_the_pad_has_more() {
 }
 
 #[test]
+fn an_led_glows_from_where_it_is_however_that_is_said() {
+    let edges = |led: &str| {
+        let plan = plan(&format!(
+            "dataset = {{ name = 'glow', samples = 1 }}\nobject = [{{ path = 'objects/sphere.obj' }}]\n\
+             indentation.depth_mm = 0.5\noptics = 'led'\n[sensor]\nresolution_px = [64, 64]\n\
+             field_of_view_mm = [16.0, 16.0]\nrendered_background.grain = 0.0\nled = [{{ color = [1, 0, 0], {led} }}]\n"
+        ));
+        let picture = plan.simulator.background();
+        let red = |x: usize, y: usize| picture.rgb[3 * (y * 64 + x)];
+        let label = render(&plan, 0).label.sensor.leds[0].clone();
+        (
+            [red(0, 32), red(63, 32), red(32, 0), red(32, 63)],
+            [label.azimuth_deg, label.elevation_deg, label.distance_mm],
+        )
+    };
+    for (placed, azimuth_deg) in
+        [("[0.0, -10.0, -5.0]", -90.0), ("[-10.0, 0.0, -5.0]", 180.0), ("[0.0, 10.0, -5.0]", 90.0)]
+    {
+        let (placed, label) = edges(&format!("position_mm = {placed}"));
+        let elevation_deg = 0.5_f64.atan().to_degrees();
+        let (turned, _) = edges(&format!("azimuth_deg = {azimuth_deg:?}, elevation_deg = {elevation_deg:?}"));
+        assert_eq!(placed, turned);
+        assert!(placed.iter().max() > placed.iter().min(), "{placed:?}");
+        for (found, expected) in label.into_iter().zip([azimuth_deg, elevation_deg, 125.0_f64.sqrt()]) {
+            assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        }
+    }
+}
+
+#[test]
 fn a_vignette_takes_its_share_in_the_corners_and_nothing_in_the_middle() {
     let kept = image(UNTOUCHED, &format!("{EVEN}camera.vignette = 0.5"));
     let (corner, middle) = (f64::from(kept[0]) / 255.0, f64::from(kept[3 * (36 * 96 + 48)]) / 255.0);

@@ -25,8 +25,8 @@ fn an_output_that_cannot_be_a_folder_is_refused() {
         ("circle", 2, "circle is not a folder"),
         ("/", 2, "/ is not empty and holds no dataset of gelsim"),
         (".", 2, ". is not empty and holds no dataset of gelsim"),
-        ("job.toml/out", 1, "Not a directory"),
-        ("/dev/null/out", 1, "Not a directory"),
+        ("job.toml/out", 2, "job.toml is not a folder"),
+        ("/dev/null/out", 2, "/dev/null is not a folder"),
         (&long, 1, "File name too long"),
         (&deep, 1, "File name too long"),
     ] {

@@ -107,7 +107,7 @@ fn jobs_as_dense_as_they_may_be_are_refused_for_their_mistakes() {
     folder.job_refused(format!("[dataset]\nname = '{long}'"), &["cannot be the name"]);
     folder.job_refused(format!("{long} = 1"), &["unknown key `xxx"]);
     folder.job_refused(format!("fidelity = '{long}'"), &["unknown choice"]);
-    folder.job_refused([0xff; 1000], &["not UTF-8 at byte 0"]);
+    folder.job_refused([0xff; 1000], &["it is not UTF-8 at line 1, column 1"]);
 }
 
 #[test]

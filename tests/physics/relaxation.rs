@@ -373,9 +373,11 @@ fn impossible_modes_are_explained() {
         (vec![mode(0.6, 1.0), mode(0.6, 2.0)], "add up to 1.2"),
         (vec![mode(0.1, 1.0); 9], "9 modes"),
     ] {
-        let found = RelaxationMode::find_error(&modes);
-        assert!(found.as_ref().is_some_and(|found| found.contains(says)), "{found:?}");
+        let found = RelaxationMode::find_errors(&modes);
+        assert!(found.len() == 1 && found[0].contains(says), "{found:?}");
     }
-    assert_eq!(RelaxationMode::find_error(&MODES), None);
+    let found = RelaxationMode::find_errors(&[mode(0.6, 1.0), mode(0.5, 1e9)]);
+    assert!(found.len() == 2 && found[0].contains("time of mode 2") && found[1].contains("add up to 1.1"), "{found:?}");
+    assert!(RelaxationMode::find_errors(&MODES).is_empty());
     assert!((RelaxationMode::remaining_share(&MODES, 1e9) - 0.5).abs() < 1e-12);
 }

@@ -67,6 +67,7 @@ def presses(sensor: gelsim.Sensor) -> None:
         sensor, "draft", resolution_px=(60, 80), set={"camera.read_noise_levels": 1.0, "markers.pitch_mm": 2.0}, flow=True
     )
     assert simulator.fidelity == "draft" and simulator.resolution_px == (60, 80) and simulator.sensor is sensor
+    assert simulator.field_of_view_mm == sensor.field_of_view_mm and simulator.is_flat and simulator.gelpad_thickness_mm == 4.0
     mesh = gelsim.Mesh(CORNERS_MM, FACES, name="pyramid")
     (left, top, low), (right, bottom, high) = mesh.bounds_mm
     assert (mesh.name, mesh.triangles, right - left, bottom - top, high - low) == ("pyramid", 4, 6.0, 6.0, 2.0)
@@ -86,7 +87,7 @@ def presses(sensor: gelsim.Sensor) -> None:
     )
     image: NDArray[np.uint8] = press.image
     floats: list[NDArray[np.float32]] = [press.depth, press.surface, press.gap, press.normal, press.points]
-    masks: list[NDArray[np.uint8]] = [press.contact, press.reference]
+    masks: list[NDArray[np.uint8]] = [press.contact, press.reference, press.instance]
     assert {each.shape[:2] for each in floats} | {each.shape[:2] for each in masks} == {image.shape[:2]} == {(80, 60)}
     assert press.traction is not None and press.traction.shape == (80, 60, 3)
     assert press.pressure is not None and press.flow is not None and press.markers is not None and press.untouched is not None

@@ -78,9 +78,29 @@ class TestTransform:
         for same in (Transform.of_matrix(matrix), Transform.of_matrix(there.rotation.ravel(), there.position_m)):
             assert (same.rotation == there.rotation).all() and (same.position_m == there.position_m).all()
 
-    def test_no_quaternion_at_all_is_refused(self):
-        with pytest.raises(gelsim.UsageError, match="no length"):
-            Transform.of([0, 0, 0], xyzw=[0, 0, 0, 0])
+    def test_a_matrix_of_float32_is_a_rotation(self):
+        turn = Transform.of([0, 0, 0], xyzw=[0.1, 0.2, 0.3, 0.4]).rotation.astype(numpy.float32)
+        assert (Transform.of_matrix(turn, [1, 2, 3]).rotation == turn).all()
+
+    @pytest.mark.parametrize(
+        "make, error, said",
+        [
+            (lambda: Transform.of([0, 0, 0], xyzw=[0, 0, 0, 0]), gelsim.UsageError, "no length"),
+            (lambda: Transform.of([0, 0, 0], xyzw=[0, 0, 0, 1], wxyz=[1, 0, 0, 0]), gelsim.UsageError, "two orders"),
+            (lambda: Transform.of([0, 0, 0], xyzw=[0, 0, 1]), gelsim.UsageError, "give 4 numbers"),
+            (lambda: Transform.of(None), TypeError, "position_m is None"),
+            (lambda: Transform.of_matrix(2 * numpy.eye(3)), gelsim.UsageError, "scales or shears.*of_arrays"),
+            (lambda: Transform.of_matrix(numpy.diag([1, 1, -1])), gelsim.UsageError, "mirrors"),
+            (lambda: Transform.of_matrix(4 * numpy.eye(4)), gelsim.UsageError, "last row"),
+            (lambda: Transform.of_matrix([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [1, 2, 3, 1]]), gelsim.UsageError, "matrix.T"),
+            (lambda: Transform.of_matrix(numpy.eye(4), [1, 2, 3]), gelsim.UsageError, "leave position_m out"),
+            (lambda: Transform.of_matrix(numpy.arange(16)), gelsim.UsageError, r"the shape \(16,\)"),
+            (lambda: Transform.of_matrix("turn"), TypeError, "matrix is of type str"),
+        ],
+    )
+    def test_what_is_none_is_refused(self, make, error, said):
+        with pytest.raises(error, match=said):
+            make()
 
 
 def volume(shape):
@@ -127,10 +147,22 @@ class TestShapes:
         both = shapes.joined([shapes.box([1, 1, 1]), shapes.sphere(1.0).at(at(10, 0, 0))])
         assert volume(both) == pytest.approx(8 + 4 / 3 * numpy.pi, rel=1e-3) and both.vertices[:, 0].max() == pytest.approx(11.001)
 
-    @pytest.mark.parametrize("make", [lambda: shapes.sphere(0.0), lambda: shapes.box([1, -1, 1]), lambda: shapes.capsule(1, float("nan"))])
-    def test_sizes_that_are_none_are_refused(self, make):
-        with pytest.raises(gelsim.UsageError):
+    @pytest.mark.parametrize(
+        "make, said",
+        [
+            (lambda: shapes.sphere(0.0), ["radius_mm is 0.0"]),
+            (lambda: shapes.box([1, -1, 1]), ["half_mm[1] is -1.0"]),
+            (lambda: shapes.capsule(1, float("nan")), ["half_length_mm is nan"]),
+            (lambda: shapes.sphere(1.0, within_mm=0.0), ["within_mm is 0.0"]),
+            (lambda: shapes.ellipsoid([1, 2, 3], within_mm=-1.0), ["within_mm is -1.0"]),
+            (lambda: shapes.cylinder(0.0, -1.0, within_mm=-1.0), ["radius_mm is 0.0", "half_length_mm is -1.0", "within_mm is -1.0"]),
+        ],
+    )
+    def test_sizes_that_are_none_are_refused_each_once(self, make, said):
+        with pytest.raises(gelsim.UsageError) as raised:
             make()
+        lines = str(raised.value).splitlines()
+        assert len(lines) == len(said) and all(line.startswith(words) for line, words in zip(lines, said)), lines
 
 
 def wedge(tip_mm):
@@ -147,7 +179,7 @@ class TestTouch:
         touch = Touch(simulator, {"ball": shapes.sphere(4.0)})
         press = touch.step(pad, {"ball": pad @ at(4, 2, 3.5)})
         rows, columns = numpy.nonzero(press.contact)
-        width, height = simulator.sensor.field_of_view_mm
+        width, height = simulator.field_of_view_mm
         assert columns.mean() + 0.5 - 160 == pytest.approx(4 / width * 320, abs=0.6)
         assert rows.mean() + 0.5 - 120 == pytest.approx(2 / height * 240, abs=0.6)
         assert touch.depth_mm == pytest.approx(0.5, abs=0.0011) and touch.touched == "ball"
@@ -200,6 +232,47 @@ class TestTouch:
             press = touch.step(HERE, {"ball": at(0, 0, -1)})
         assert press.depth.max() == pytest.approx(2.0, abs=2e-3) and touch.depth_mm == pytest.approx(5.001)
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_it_may_be_held_as_deep_as_the_pad_is_thick(self, simulator, seed):
+        """Whatever is rounded on the way from the world."""
+        random = numpy.random.default_rng(seed)
+        pad = Transform.of(random.normal(size=3), xyzw=random.normal(size=4))
+        its = coupling.Coupling(Touch(simulator, {"ball": shapes.sphere(4.0)}, deepest_mm=4.0), mass_kg=0.1)
+        with pytest.warns(UserWarning, match="pressed by deepest_mm = 4 mm"):
+            press = its.sense(pad, {"ball": pad @ at(0, 0, -2, xyzw=random.normal(size=4))}, 0.0)
+        assert press.depth.max() == pytest.approx(4.0, abs=2e-3) and its.stiffness[2, 2] > 1e3
+
+    def test_pad_and_view_are_those_that_set_made(self):
+        changes = {"sensor.gelpad_thickness_mm": 2.0, "sensor.field_of_view_mm": [37.2, 28.6]}
+        wide = gelsim.Simulator("gelsight-mini", "draft", resolution_px=(80, 60), set=changes)
+        touch = Touch(wide, {"ball": shapes.sphere(4.0), "box": shapes.box([1, 1, 1])})
+        with pytest.raises(gelsim.UsageError, match="'ball' is 2.5 mm deep in a pad of 2 mm"):
+            touch.step(HERE, {"ball": at(0, 0, 1.5)})
+        assert touch.step(HERE, {"ball": at(0, 0, 20), "box": at(14, 0, 0.5)}).in_contact and touch.touched == "box"
+
+    @pytest.mark.parametrize(
+        "place",
+        [
+            at(numpy.nan, 0, 3.5),
+            at(0, 0, numpy.inf),
+            at(0, 0, 3.5, xyzw=[numpy.nan, 0, 0, 1]),
+            at(0, 0, 3.5, xyzw=[numpy.inf, 0, 0, 1]),
+            Transform.of_matrix(numpy.full((4, 4), numpy.nan)),
+        ],
+    )
+    def test_places_that_are_not_finite_are_refused(self, simulator, place):
+        """A pad that an engine lost does not feel nothing."""
+        its = coupling.Coupling(Touch(simulator, {"ball": shapes.sphere(4.0)}), mass_kg=0.1)
+        asked = [its.touch.step, lambda *given: its.sense(*given, 0.0), lambda *given: its.wrench(*given, 0.0)]
+        for begun in (False, True):
+            for ask in asked:
+                with pytest.raises(gelsim.UsageError, match="the place of 'ball' is not finite.*shorter steps"):
+                    ask(HERE, {"ball": place})
+                with pytest.raises(gelsim.UsageError, match="the place of the pad is not finite"):
+                    ask(place, {"ball": at(0, 0, 3.5)})
+            if not begun:
+                assert its.sense(HERE, {"ball": at(0, 0, 3.5)}, 0.0).in_contact
+
     @pytest.mark.parametrize("tip_mm", [0.2, 0.5])
     def test_only_what_is_in_view_counts_for_the_depth(self, simulator, tip_mm):
         """All of the box is deeper than the pad: as a whole it would be refused."""
@@ -232,6 +305,15 @@ class TestTouch:
             (lambda s: Touch(s, {"a": shapes.sphere(1.0)}, friction=11.0), gelsim.UsageError, "friction"),
             (lambda s: Touch(s, {"a": shapes.sphere(1.0)}, deepest_mm=9.0), gelsim.UsageError, "deepest_mm"),
             (lambda s: Touch(s, {"a": shapes.sphere(1.0)}).step(HERE, {"b": HERE}), gelsim.UsageError, "'b'; known: 'a'"),
+            (lambda s: Touch(s, [shapes.sphere(1.0)]), TypeError, "objects is of type list; give a dict"),
+            (lambda s: Touch(s, {"a": shapes.sphere(1.0)}).step(HERE, HERE), TypeError, "objects is of type Transform; give a dict"),
+            (lambda s: Touch(s, {"a": shapes.sphere(1.0)}).step(HERE, {"a": numpy.eye(4)}), TypeError, "'a' is of type ndarray; give"),
+            (lambda s: Touch(s, {"a": shapes.sphere(1.0)}).step(None, {"a": HERE}), TypeError, "the pad is None.*Transform.of"),
+            (
+                lambda s: Touch(s, {"a": shapes.sphere(1.0)}).step(HERE, {"a": Transform(numpy.zeros(3), 2 * numpy.eye(3))}),
+                gelsim.UsageError,
+                "the place of 'a' scales",
+            ),
             (lambda s: Touch(s, {"a": shapes.sphere(1.0)}).wrench, gelsim.UsageError, "before the first step"),
         ],
     )
@@ -285,6 +367,12 @@ class TestCoupling:
         its = coupling.Coupling(Touch(simulator, {"ball": shapes.sphere(4.0)}), mass_kg=0.1)
         its.sense(HERE, {"ball": at(0, 0, 3.9)}, 0.0)
         assert not its.wrench(HERE, {"ball": at(0, 0, 4.2)}, 0.001).force_n.any()
+
+    def test_what_is_left_out_is_away(self, simulator):
+        its = coupling.Coupling(Touch(simulator, {"ball": shapes.sphere(4.0)}), mass_kg=0.1)
+        its.sense(HERE, {"ball": at(0, 0, 3.5)}, 0.0)
+        assert its.wrench(HERE, {"ball": at(0, 0, 3.5)}, 0.001).force_n.any()
+        assert not its.wrench(HERE, {}, 0.002).force_n.any()
 
     def test_an_earlier_time_begins_anew(self, simulator):
         its = coupling.Coupling(Touch(simulator, {"ball": shapes.sphere(4.0)}), mass_kg=0.1)
@@ -388,6 +476,27 @@ class TestMujoco:
             Pad(simulator, model, "pda", ["object"])
         with pytest.raises(gelsim.UsageError, match="no body 'ball'; it has 'world', 'finger', .*'object'"):
             Pad(simulator, model, "pad", ["ball"])
+
+    def test_mistakes_are_told(self, mujoco, Pad, simulator):
+        model = mujoco.MjModel.from_xml_string(SCENE.format(tetrahedron=TETRAHEDRON, geoms=GEOMS["sphere"]))
+        for arguments, more, said in [
+            (("scene.xml", "pad", ["object"]), {}, "model is of type str; give a mujoco.MjModel"),
+            ((model, "pad", "object"), {}, r"bodies is of type str; give a list of names, such as \['knob'\]"),
+            ((model, "pad", [3]), {}, "the name of a body is of type int"),
+            ((model, "pad", ["object"]), {"groups": 2}, r"groups is of type int; give a list of whole numbers, such as \[2\]"),
+        ]:
+            with pytest.raises(TypeError, match=said):
+                Pad(simulator, *arguments, **more)
+        pad, data = Pad(simulator, model, "pad", ["object"]), mujoco.MjData(model)
+        with pytest.raises(TypeError, match="data is None; give a mujoco.MjData"):
+            pad.sense(None)
+        with pytest.raises(gelsim.UsageError, match="call mujoco.mj_forward"):
+            pad.sense(data)
+        data.qpos[2] = numpy.nan
+        mujoco.mj_kinematics(model, data)
+        for ask in (pad.sense, pad.push):
+            with pytest.raises(gelsim.UsageError, match="the place of 'object' is not finite"):
+                ask(data)
 
     @pytest.mark.parametrize("rate_hz, mass_kg", [(60, 0.1), (30, 0.1), (250, 0.02)])
     def test_a_pad_carries_a_ball_as_deep_as_its_weight_presses_it(self, mujoco, Pad, simulator, rate_hz, mass_kg):
@@ -523,6 +632,10 @@ class TestGymnasium:
         seen = [adapter.observation(touch.step(HERE, {"ball": at(x, 0, 3.3)}), space) for x in (0.0, 0.1, 3.0)]
         assert [int(each["slip"]) for each in seen] == [0, 1, 2] and all(space.contains(each) for each in seen)
         assert seen[2]["wrench"][0] == pytest.approx(-0.5 * seen[2]["wrench"][2], rel=0.01) and seen[2]["markers"].max() > 1.0
+
+    def test_depth_is_within_the_pad_that_set_made(self, adapter):
+        thick = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set={"sensor.gelpad_thickness_mm": 6.0})
+        assert adapter.observation_space(thick, ["depth"])["depth"].high.max() == 6.0
 
     def test_parts_that_are_not_there_are_told(self, adapter):
         with pytest.raises(gelsim.UsageError, match="no markers"):

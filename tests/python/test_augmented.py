@@ -78,7 +78,7 @@ def assert_sources(labels, split):
     keys = {label["source_key"] for label in labels if label["source"] in ("photometric", "twin")}
     assert len(keys) == (SPLITS[split] if split == "train" else 0)
     for label in labels:
-        assert (label["augmentation"] == "") == (label["source"] == "real")
+        assert (label["augmentation"] in ("", "{}")) == (label["source"] == "real")
         assert label["source"] == "real" or json.loads(label["augmentation"])
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("gelsim", reason="the module is not installed: pip install .")
+gelsim = pytest.importorskip("gelsim", reason="the module is not installed: pip install .")
 for name in ["OpenEXR", "PIL", "pyarrow", "h5py", "zarr", "datasets"]:
     pytest.importorskip(name, reason="pip install '.[export]' zarr datasets")
 
@@ -583,6 +583,91 @@ def test_zarrs_markers_are_one_frames_after_anothers(zarr_root, zarr_pads):
             assert np.array_equal(dots, frame["markers"]["moved_px"]) and len(dots)
 
 
+SEVERAL = """
+dataset = {{ name = "several", samples = 4, seed = 3 }}
+sensor = {{ preset = ["gelsight-mini", "geltip"], resolution_px = [48, 36] }}
+object = [{{ path = "{objects}/sphere.obj", scale = [0.5, 1.5] }}]
+indentation.depth_mm = [0.3, 0.8]
+"""
+
+
+@pytest.fixture(scope="module")
+def several(run_gelsim, project, tmp_path_factory):
+    """A dataset of flat and curved sensors, the first one flat; and its copies."""
+    folder = tmp_path_factory.mktemp("several")
+    (folder / "job.toml").write_text(SEVERAL.format(objects=project / "objects"))
+    source = run_gelsim.generate(folder / "job.toml", folder / "source")
+    for form in ["lerobot", "zarr", "hdf5"]:
+        for more in [[], ["--check"]]:
+            line = [source, "--to", form, "--out", place(folder, "several", form), "--quiet", *more]
+            assert command.main(list(map(str, line))) == 0
+    return source, lambda form: place(folder, "several", form)
+
+
+def test_copies_of_several_sensors_name_them_and_keep_torques(several):
+    source, copy = several
+    labels = [sample["label"] for sample in gelsim.load(source)]
+    assert [label["sensor"]["name"] for label in labels[:2]] == ["gelsight-mini", "geltip"]
+    info = json.loads((copy("lerobot") / "meta/info.json").read_text())
+    assert info["robot_type"] == "gelsight-mini|geltip" and info["features"]["observation.wrench"]["shape"] == [6]
+    rows = parquet.read_table(copy("lerobot") / "data/chunk-000/file-000.parquet")["observation.wrench"].to_pylist()
+    for row, label in zip(rows, labels, strict=True):
+        torque = label["contact"]["torque_nmm"] or [np.nan] * 3
+        assert equal(np.float32(torque), np.float32(row[3:]))
+    assert zarr.open_group(copy("zarr"), mode="r", zarr_format=2).attrs["pads"] == {"pad0": "gelsight-mini|geltip"}
+
+
+def test_poses_say_that_objects_are_scaled(several):
+    _, copy = several
+    with h5py.File(copy("hdf5")) as file:
+        units = [group["pose"].attrs["unit"] for group in file.values()]
+    root = zarr.open_group(copy("zarr"), mode="r", zarr_format=2)
+    assert all("p = R (scale q) + t" in unit for unit in [*units, root["data/pad0_pose"].attrs["unit"]])
+
+
+ONE_UNIT = """
+dataset = {{ name = "unit", samples = 1, seed = 3 }}
+sensors = {{ count = 2 }}
+sensor = {{ resolution_px = [48, 36] }}
+object = [{{ path = "{objects}/sphere.obj" }}]
+indentation.depth_mm = [0.3, 0.8]
+"""
+
+
+def test_sitr_of_one_sensor_names_its_folder_among_the_calibration_presses(run_gelsim, project, tmp_path):
+    (tmp_path / "job.toml").write_text(ONE_UNIT.format(objects=project / "objects"))
+    presses = run_gelsim.generate(tmp_path / "job.toml", tmp_path / "presses")
+    one = sorted(path for path in presses.iterdir() if path.is_dir())[1]
+    said = run_export(one, "--to", "sitr", "--calibration", presses, "--out", tmp_path / "copy", status=2)
+    assert f"name one sensor's folder in it: {one}" in said
+
+
+NULLS = """
+dataset = {{ name = "nulls", samples = 4, seed = 7, splits = {{ train = 0.5, val = 0.5 }}, split_by = "object" }}
+sensor.resolution_px = [48, 36]
+object = [
+    {{ path = "{objects}/sphere.obj", youngs_modulus_kpa = 400.0, split = "train" }},
+    {{ path = "{objects}/cube.obj", split = "val" }},
+]
+output = {{ container = "folder", layers = ["contact"] }}
+indentation.depth_mm = [0.3, 0.8]
+"""
+
+
+def test_folders_with_nulls_in_one_split_are_read_split_by_split(run_gelsim, project, tmp_path):
+    """As docs/reference/dataset.md says."""
+    from datasets import load_dataset
+
+    (tmp_path / "job.toml").write_text(NULLS.format(objects=project / "objects"))
+    path = run_gelsim.generate(tmp_path / "job.toml", tmp_path / "nulls")
+    cache = {"cache_dir": str(tmp_path / "cache")}
+    for split, stiffness in [("train", 400.0), ("val", None)]:
+        samples = load_dataset(str(path), data_files={split: f"data/{split}-*/*"}, split=split, **cache)
+        assert samples["split"][:] == [split] * len(samples) and len(samples) == 2
+        assert {each["material"]["youngs_modulus_kpa"] for each in samples["object"]} == {stiffness}
+    assert [len(gelsim.load(path, split)) for split in ["train", "val"]] == [2, 2]
+
+
 def test_a_zip_of_zarr_is_stored_without_compression(copies, kind):
     entries = zipfile.ZipFile(copies.path(kind, "zip")).infolist()
     assert {entry.compress_type for entry in entries} == {zipfile.ZIP_STORED}
@@ -905,6 +990,23 @@ def test_a_file_is_no_folder_for_a_copy(every_kind, tmp_path):
     (tmp_path / "afile").write_text("")
     said = run_export(every_kind.path("halves"), "--to", "hdf5", "--out", "afile/x", status=1, cwd=tmp_path)
     assert "afile: File exists; it is a file" in said
+
+
+@pytest.mark.parametrize("out", [".", "", "/", ".."])
+def test_a_copy_has_a_new_name(every_kind, tmp_path, out):
+    said = run_export(every_kind.path("halves"), "--to", "zarr", "--out", out, status=2, cwd=tmp_path)
+    assert "name a new folder, such as ./copy" in said and not list(tmp_path.iterdir())
+
+
+def test_a_job_file_is_no_dataset(tmp_path):
+    (tmp_path / "j.toml").write_text("")
+    said = run_export("j.toml", "--to", "zarr", "--out", "copy", status=2, cwd=tmp_path)
+    assert "j.toml is a file: name the folder of a dataset" in said
+
+
+def test_a_zip_is_one_whatever_the_case_of_its_ending(every_kind, tmp_path):
+    run_export(every_kind.path("forceless"), "--to", "zarr", "--out", tmp_path / "z.ZIP")
+    assert zipfile.is_zipfile(tmp_path / "z.ZIP")
 
 
 def test_what_is_to_be_compared_has_to_be_made_first(every_kind, tmp_path):

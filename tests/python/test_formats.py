@@ -200,6 +200,53 @@ def test_samples_with_different_layers_make_no_batch(every_kind):
     assert "depth" in refusal(gelsim.UsageError, lambda: gelsim.collate(mixed))
 
 
+@pytest.mark.parametrize("kind, name", [("sequences", "flow"), ("lifts", "slip")])
+@pytest.mark.parametrize("turn", [1, -1])
+def test_frames_with_different_layers_make_no_batch(every_kind, kind, name, turn):
+    """Of two samples, or of one."""
+    whole, other = every_kind.samples(kind)[:2]
+
+    def less(frame):
+        return {key: less(value) if key in ("left", "right") else value for key, value in frame.items() if key != name}
+
+    all_frames = {**other, "frames": [less(frame) for frame in other["frames"]]}
+    one_frame = {**other, "frames": [less(other["frames"][0]), *other["frames"][1:]]}
+    for lacking in (all_frames, one_frame):
+        said = refusal(gelsim.UsageError, lambda lacking=lacking: gelsim.collate([whole, lacking][::turn]))
+        assert said.startswith("frames have different layers: ") and f"'{name}'" in said, said
+
+
+def test_frames_that_the_label_does_not_tell_make_no_batch(every_kind):
+    sample = every_kind.samples("sequences")[0]
+    cut = {**sample, "frames": sample["frames"][:2]}
+    assert "has 2 frames, and its label" in refusal(gelsim.UsageError, lambda: gelsim.collate([cut]))
+
+
+@pytest.mark.parametrize(
+    "change, kind, words",
+    [
+        pytest.param(lambda sample: sample, TypeError, "samples is of type dict; give a list", id="a sample"),
+        pytest.param(lambda sample: iter([sample]), TypeError, "list_iterator; give a list", id="an iterator"),
+        pytest.param(lambda sample: [(sample, 1)], TypeError, "an item of samples is of type tuple", id="tuples"),
+        pytest.param(lambda sample: [{"tactile": sample["tactile"]}], gelsim.UsageError, "keep `label`", id="no label"),
+        pytest.param(lambda sample: [{**sample, "label": 3}], gelsim.UsageError, "keep `label`", id="a number as label"),
+    ],
+)
+def test_what_are_no_samples_make_no_batch(every_kind, change, kind, words):
+    given = change(every_kind.samples("npy")[0])
+    assert words in refusal(kind, lambda: gelsim.collate(given))
+
+
+def test_frames_of_different_sizes_are_tensors_as_well(every_kind, monkeypatch):
+    torch = types.ModuleType("torch")
+    torch.__version__, torch.from_numpy = "9", lambda array: ("tensor", array.shape)
+    monkeypatch.setitem(sys.modules, "torch", torch)
+    first, second = every_kind.samples("sequences")[:2]
+    half = [{**frame, "tactile": frame["tactile"][::2]} for frame in second["frames"]]
+    batch = gelsim.collate_torch([first, {**second, "frames": half}])
+    assert [row[0] for row in batch["tactile"]] == [("tensor", (30, 40, 3)), ("tensor", (15, 40, 3))]
+
+
 def test_without_torch_the_way_to_it_is_named(every_kind, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     said = refusal(ImportError, lambda: gelsim.collate_torch([every_kind.samples("npy")[0]]))

@@ -111,6 +111,23 @@ def test_layers_fit_labels_and_labels_the_schema(dataset, project):
         samples.check(key, sample, labels)
 
 
+def test_the_schema_takes_the_bundled_jobs(project):
+    toml = pytest.importorskip("tomllib", reason="Python before 3.11")
+    schema = samples.validator(project / "docs/schema/job.json")
+    jobs = [path for path in (project / "configs").glob("*.toml") if path.name != "augment.toml"]
+    assert len(jobs) > 15
+    for path in jobs:
+        schema.validate(toml.loads(path.read_text()))
+    for text in [
+        "optics.phong.shadows = 'soft'",
+        "optics.led.shadows = { soft = {} }",
+        "sensor.rendered_background.dust_per_cm2 = [0, 5]",
+        "sensor.led = [{ pattern = { red = [[0.5, 1]], green = [1], blue = [1] } }]",
+    ]:
+        schema.validate(toml.loads(text))
+    assert not schema.is_valid(toml.loads("optics.phong.shadows = 'sft'"))
+
+
 def pinned(out):
     """The column types that the card gives."""
     front = yaml.safe_load((out / "README.md").read_text().split("---\n")[1])

@@ -5,7 +5,6 @@ import inspect
 import re
 import subprocess
 import sys
-from functools import cached_property
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,8 @@ gelsim = pytest.importorskip("gelsim", reason="the module is not installed: pip 
 
 import module_names
 from module_checks import refusal
+
+from gelsim.lazy import lazy
 
 pytestmark = pytest.mark.wheel
 
@@ -73,7 +74,7 @@ def test_every_public_name_says_what_it_is(name):
     assert len(inspect.getdoc(thing) or "") > 20
     for part, value in vars(thing).items() if isinstance(thing, type) else []:
         value = getattr(value, "__func__", value)
-        if not part.startswith("_") and (inspect.isroutine(value) or isinstance(value, (property, cached_property))):
+        if not part.startswith("_") and (inspect.isroutine(value) or isinstance(value, (property, lazy))):
             assert inspect.getdoc(value), part
 
 

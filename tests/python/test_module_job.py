@@ -152,6 +152,23 @@ def test_samples_whose_contact_is_not_solved_are_drawn_again(mixed, write):
     assert not gelsim.Job.load(mixed, set=[flags[0], advised, flags[2]])[again[0]]["label"]["health"]["healthy"]
 
 
+def test_a_dataset_without_a_healthy_sample_is_no_success(project, tmp_path):
+    path = tmp_path / "heavy.toml"
+    path.write_text(
+        f"""
+        dataset = {{ name = "heavy", samples = 2 }}
+        sensor.resolution_px = [48, 36]
+        object = [{{ path = "{project / "objects/sphere.obj"}" }}]
+        indentation.force_n = 400.0
+        output.on_unhealthy = "keep"
+        """
+    )
+    said = refusal(gelsim.RunError, lambda: warned(lambda: gelsim.generate(path, tmp_path / "out")))
+    assert said.startswith("none of the 2 samples is healthy") and "health.reason" in said, said
+    # What was written stays.
+    assert all(not sample["label"]["health"]["healthy"] for sample in gelsim.load(tmp_path / "out"))
+
+
 @pytest.fixture(scope="module")
 def job(mixed):
     return gelsim.Job.load(mixed)
@@ -356,6 +373,13 @@ def test_datasets_are_pickled(generated, turned):
     assert list(again) == list(turned)
 
 
+def test_a_dataset_is_where_it_was_when_the_process_goes_elsewhere(generated, tmp_path, monkeypatch):
+    monkeypatch.chdir(generated[0].parent)
+    dataset = gelsim.load(generated[0].name)
+    monkeypatch.chdir(tmp_path)
+    assert dataset[0]["key"] == pickle.loads(pickle.dumps(dataset))[0]["key"]
+
+
 def test_what_is_not_wanted_is_not_decoded(mixed, tmp_path):
     """It may be damaged."""
     broken = tmp_path / "broken"
@@ -409,12 +433,17 @@ def generate(out="x", **flags):
     "a flag of a loaded job": (lambda it: gelsim.generate(it.job, "x", seed=1), gelsim.UsageError, "Job.load"),
     "an absent job": (lambda it: gelsim.generate("absent.toml", "x"), gelsim.UsageError, "absent.toml"),
     "no job": (lambda it: gelsim.generate(7, "x"), TypeError, "job"),
-    "a folder in a file": (lambda it: gelsim.generate(it.mixed, it.mixed / "x"), gelsim.RunError, "mixed.toml"),
+    "a folder in a file": (lambda it: gelsim.generate(it.mixed, it.mixed / "x"), gelsim.UsageError, "mixed.toml is not a folder"),
     "layers that are not there": (
         lambda it: gelsim.load(it.dataset, layers=["depht", "tactile", "gap"]),
         gelsim.UsageError,
         ["'depht', 'gap'", "'markers'", "'tactile'"],
     ),
+    "splits": (lambda it: gelsim.load(it.dataset, ["train"]), gelsim.UsageError, ["split is of type list", "'train'"]),
+    "a slice": (lambda it: gelsim.load(it.dataset)[0:2], TypeError, ["of type slice", "for several write [dataset["]),
+    "a path that is too long": (lambda it: gelsim.load("a" * 300), gelsim.UsageError, "File name too long"),
+    "a path with NUL": (lambda it: gelsim.load("a\0b"), gelsim.UsageError, "give that of a folder"),
+    "a path of bytes": (lambda it: gelsim.load(b"a"), TypeError, "give a path"),
     "layers that are no list": (lambda it: gelsim.load(it.dataset, layers="depth"), TypeError, ""),
     "what is no function": (lambda it: gelsim.load(it.dataset, transform="depth"), TypeError, ""),
 })  # fmt: skip

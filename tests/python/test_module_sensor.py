@@ -1,5 +1,6 @@
 """`gelsim.Sensor` against jobs and against `gelsim render`: the same arrays, labels and words."""
 
+import copy
 import json
 import pickle
 from types import SimpleNamespace
@@ -479,3 +480,26 @@ BEHIND = "behind the camera in row 3"
 def test_is_refused_with_a_way_out(it, tmp_path, monkeypatch, call, kind, words):
     monkeypatch.chdir(tmp_path)
     assert_refused(lambda: call(it), kind, words)
+
+
+def test_a_sensor_is_what_set_makes_of_it():
+    sensor = gelsim.Sensor.preset(
+        "gelsight-mini",
+        set={"sensor.field_of_view_mm": [9.0, 6.75], "sensor.gelpad_thickness_mm": 2.0, "sensor.resolution_px": [80, 60]},
+    )
+    assert (sensor.field_of_view_mm, sensor.gelpad_thickness_mm) == ((9.0, 6.75), 2.0)
+    assert sensor.resolution_px == (80, 60) and "80x60" in repr(sensor)
+    label = sensor.render(np.zeros((60, 80), np.float32))["label"]
+    assert label["sensor"]["gelpad_thickness_mm"] == 2.0
+    assert gelsim.Sensor.preset("digit", set={"sensor.preset": "gelsight-mini"}).name == "gelsight-mini"
+
+
+def test_a_sensor_is_its_own_copy_and_does_not_become_another_with_its_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('preset = "digit"\n')
+    sensor = gelsim.Sensor.load(path)
+    assert copy.copy(sensor) is sensor and copy.deepcopy(sensor) is sensor
+    path.write_text('preset = "digit"\ngelpad_thickness_mm = 1.5\n')
+    said = refusal(gelsim.UsageError, lambda: sensor.render(np.zeros((30, 40), np.float32)))
+    assert "mine.toml has changed since this sensor was made of it" in said, said
+    assert gelsim.Sensor.load(path).gelpad_thickness_mm == 1.5

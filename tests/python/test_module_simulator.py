@@ -1,10 +1,16 @@
 """`gelsim.Simulator` against jobs: the same presses and sequences; and what it is given that is none."""
 
+import contextlib
 import copy
 import json
+import os
 import pickle
+import subprocess
+import sys
+import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import pytest
 
@@ -204,6 +210,20 @@ def test_a_mesh_file_may_have_another_unit(gear, objects):
     assert np.allclose(np.diff(scaled.bounds_mm, axis=0) * 2, np.diff(gear.bounds_mm, axis=0))
 
 
+def test_a_mesh_is_its_own_copy(gear):
+    assert copy.copy(gear) is gear and copy.deepcopy(gear) is gear
+
+
+def test_a_pickled_mesh_is_refused_if_its_file_has_changed(objects, tmp_path):
+    path = tmp_path / "it.obj"
+    path.write_bytes((objects / "gear.obj").read_bytes())
+    pickled = pickle.dumps(pickle.loads(pickle.dumps(gelsim.Mesh.load(path))))
+    path.write_bytes((objects / "sphere.obj").read_bytes())
+    assert_refused(lambda: pickle.loads(pickled), gelsim.UsageError, [f"{path} has changed since it was read", "gelsim.Mesh.load"])
+    path.write_bytes((objects / "gear.obj").read_bytes())
+    assert pickle.loads(pickled).triangles == gelsim.Mesh.load(path).triangles
+
+
 def test_a_placement_is_the_pose_of_the_label(draft, truth, gear):
     turned = gelsim.Placement(truth.pose[:3], truth.pose[3:])
     assert np.abs(draft.press(gear, turned).image.astype(int) - truth.image).max() <= 1
@@ -237,6 +257,74 @@ def test_threads_share_a_simulator_and_noise_follows_the_index(high, gear):
         together = list(threads.map(lambda index: high.press(gear, POSE, index=index).image, [*range(4)] * 3))
     assert all(np.array_equal(image, alone[number % 4]) for number, image in enumerate(together))
     assert not np.array_equal(alone[0], alone[1])
+
+
+@pytest.mark.parametrize("name", ["image", "points", "label"])
+def test_threads_that_read_a_layer_at_once_get_the_same_object(draft, gear, name):
+    for _ in range(4):
+        press, start = draft.press(gear, POSE), threading.Barrier(8)
+        with ThreadPoolExecutor(8) as threads:
+            first, *others = threads.map(lambda _, press=press, start=start: (start.wait(), getattr(press, name))[1], range(8))
+        assert all(other is first for other in others)
+
+
+FORKS = """
+import os, signal, threading, time
+import gelsim, numpy
+
+simulator = gelsim.Simulator("digit", "draft", resolution_px=(480, 640))
+press, other = (simulator.press(numpy.zeros((640, 480))) for _ in range(2))
+
+def read():
+    while True:
+        other.__dict__.pop("normal", None)
+        other.normal
+
+threading.Thread(target=read, daemon=True).start()
+for _ in range(8):
+    time.sleep(0.05)
+    child = os.fork()
+    if child == 0:
+        press.normal
+        os._exit(0)
+    deadline = time.monotonic() + 60
+    while os.waitpid(child, os.WNOHANG) == (0, 0):
+        if time.monotonic() > deadline:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            print("a child hangs", flush=True)
+            os._exit(1)
+        time.sleep(0.01)
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing forks here")
+def test_a_process_that_is_forked_while_a_thread_reads_a_layer_reads_it_too():
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", FORKS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_simulator_says_what_set_made_of_its_pad():
+    changes = {"sensor.gelpad_thickness_mm": 2.0, "sensor.field_of_view_mm": [6.0, 8.0]}
+    changed = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set=changes)
+    assert changed.gelpad_thickness_mm == 2.0 and changed.field_of_view_mm == (6.0, 8.0) and changed.is_flat
+    assert not gelsim.Simulator("geltip", "draft", resolution_px=(32, 24)).is_flat
+
+
+def test_a_simulator_is_pickled_as_it_was_made(gear):
+    changes = {"camera": MappingProxyType({"exposure": np.float32(1.25)})}
+    made = gelsim.Simulator("digit", "draft", resolution_px=(60, 80), set=MappingProxyType(changes))
+    changes["camera"] = {"exposure": 3.0}
+    image = made.press(gear, POSE).image
+    for same in (pickle.loads(pickle.dumps(made)), copy.deepcopy(made)):
+        assert np.array_equal(same.press(gear, POSE).image, image)
+
+
+def test_a_sample_has_the_image_and_the_number_of_the_object(draft, gear):
+    press = draft.press(gear, POSE)
+    assert list(press.sample(["tactile", "instance"])) == ["tactile", "instance", "label"]
+    assert np.array_equal(press.instance, press.contact // 255) and press.instance.any()
 
 
 def test_a_soft_object_presses_less(high, gear):
@@ -325,6 +413,31 @@ def test_copies_step_each_their_sequence_in_threads(slider, cylinder, slides):
             same(ours.sample(), theirs.sample())
 
 
+def test_a_sequence_that_begins_during_a_frame_is_not_lost_with_it(project):
+    simulator = gelsim.Simulator("gelsight-mini", "high")
+    ball = gelsim.Mesh.load(project / "objects/sphere.obj")
+
+    def step():
+        with contextlib.suppress(gelsim.RunError):
+            simulator.step(ball, gelsim.Pose(0.5))
+
+    for _ in range(50):
+        simulator.reset()
+        thread = threading.Thread(target=step)
+        thread.start()
+        time.sleep(0.02)
+        try:
+            simulator.step(ball, gelsim.Pose(0.5))
+        except gelsim.RunError as error:
+            assert "simulator.reset() begins another one" in str(error)
+            simulator.reset()
+            thread.join()
+            assert simulator.step(ball, gelsim.Pose(0.5)).frame == 0
+            return
+        thread.join()
+    pytest.fail("no two frames met")
+
+
 def test_sensors_step_together_as_alone(slider, cylinder, slides):
     array = gelsim.Array([slider, "gelsight-mini", slider, slider], "draft", threads=2)
     assert len(array) == 4 and array[2] is not slider and array[1].fidelity == "draft" and "digit" in repr(array)
@@ -356,6 +469,20 @@ def test_sensors_of_an_array_have_noise_of_their_own(cylinder):
         alone = noisy.copy()
         alone.reset(index=index + 1, seed=seed)
         assert np.array_equal(right.image, alone.step(cylinder, gelsim.Pose(0.4)).image)
+
+
+@pytest.mark.parametrize("change", [lambda array: array, copy.copy, copy.deepcopy, lambda array: pickle.loads(pickle.dumps(array))])
+def test_equal_sensors_of_an_array_share_the_costly_part(cylinder, change):
+    mini = gelsim.Simulator("gelsight-mini", "draft", set={"camera.exposure": 1.1})
+    sensors = [gelsim.Sensor.preset("digit"), "digit", gelsim.Sensor.preset("digit", set={"camera.exposure": 1.1}), mini, mini.copy()]
+    before = gelsim.Array(sensors, "draft", threads=1)
+    before.step(cylinder, gelsim.Pose(0.3))
+    array = change(before)
+    kinds = [[array[k]._given is array[l]._given for l in range(5)].index(True) for k in range(5)]
+    assert kinds == [0, 0, 2, 3, 3] and [simulator.fidelity for simulator in array] == ["draft"] * 5
+    # A copy has sequences of its own.
+    assert [press.frame for press in array.step(cylinder, gelsim.Pose(0.3))] == [int(array is before)] * 5
+    assert before.step(cylinder, gelsim.Pose(0.3))[0].frame == 1 + int(array is before)
 
 
 @pytest.fixture(scope="module")

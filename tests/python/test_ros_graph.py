@@ -137,7 +137,8 @@ def test_keeps_up_with_60_hz_on_one_core(core, start, peer, run):
     assert len(stamps) > 600 and stamps[-1] == told["sent"][-1], made.text
     assert {tuple(image[1:4]) for image in told["images"]} == {("pad", 320, 240)}
     forces = [wrench[2] for wrench in told["wrenches"]]
-    assert len(forces) == len(stamps) and -10 < min(forces) < max(forces) < -0.1
+    # The peer ends with the last image, whose wrench comes behind it.
+    assert len(stamps) - len(forces) in (0, 1) and -10 < min(forces) < max(forces) < -0.1
     assert all(wrench[3:] == [None] * 3 for wrench in told["wrenches"]), "a frame does not know torques"
     assert "average rate" in hz.text
     rate = len(told["sent"]) / told["seconds"]

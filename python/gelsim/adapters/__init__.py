@@ -33,6 +33,12 @@ BESIDE = 2.0
 """The pad feels what is beside its view, up to fewer thicknesses than these."""
 AWAY_M = 1.0
 """Where what is away is put, out of the pad."""
+ROUNDING_MM = 1e-6
+"""So much less deep than the pad is thick is pressed what is as deep: what is rounded on the way does not take it through."""
+RIGID = 1e-3
+"""How far the axes of a rotation may be from unit length and right angles: engines have float32."""
+LAST_ROW = 1e-6
+"""How far the last row of a matrix (4, 4) may be from 0, 0, 0, 1."""
 
 
 class Transform(NamedTuple):
@@ -49,14 +55,17 @@ class Transform(NamedTuple):
     ) -> Transform:
         """Takes a position (3,), metres, and the turn as a quaternion with w last or w first; without one nothing turns."""
         numpy = need("numpy")
-        position = numpy.array(position_m, numpy.float64).reshape(3)
+        position = numbers("position_m", position_m, 3)
         if xyzw is None and wxyz is None:
             return cls(position, numpy.eye(3))
-        given = numpy.asarray(wxyz if xyzw is None else numpy.roll(numpy.asarray(xyzw).reshape(4), 1), numpy.float64)
+        if xyzw is not None and wxyz is not None:
+            raise UsageError("xyzw and wxyz are one turn in two orders; give the one that the engine has")
+        given = numbers("wxyz", wxyz, 4) if xyzw is None else numpy.roll(numbers("xyzw", xyzw, 4), 1)
         length = numpy.linalg.norm(given)
-        if not length > 0.0:
+        if length == 0.0:
             raise UsageError("the quaternion has no length; (0, 0, 0, 1) with w last turns nothing")
-        w, x, y, z = given.reshape(4) / length
+        with numpy.errstate(invalid="ignore"):  # `Touch` names what is not finite
+            w, x, y, z = given / length
         rows = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
             [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
@@ -66,12 +75,20 @@ class Transform(NamedTuple):
 
     @classmethod
     def of_matrix(cls, matrix: ArrayLike, position_m: Optional[ArrayLike] = None) -> Transform:
-        """Takes a matrix (4, 4), or a rotation (3, 3), also as 9 numbers, and a position."""
+        """Takes a matrix (4, 4) with the position in its last column; or a rotation (3, 3), also as 9 numbers, and a position."""
         numpy = need("numpy")
-        found = numpy.array(matrix, numpy.float64)
+        found = numbers("matrix", matrix)
         if found.shape == (4, 4):
-            return cls(found[:3, 3], found[:3, :3])
-        return cls(numpy.zeros(3) if position_m is None else numpy.array(position_m, numpy.float64), found.reshape(3, 3))
+            if position_m is not None:
+                raise UsageError("a matrix (4, 4) has a position; leave position_m out, or give the matrix's part [:3, :3]")
+            if (abs(found[3] - [0.0, 0.0, 0.0, 1.0]) > LAST_ROW).any():
+                said = f"the last row of the matrix is {found[3].tolist()}, not [0, 0, 0, 1]"
+                raise UsageError(f"{said}; give matrix.T if that is where the position stands")
+            return cls(found[:3, 3], checked_rotation(found[:3, :3]))
+        if found.size != 9:
+            raise UsageError(f"matrix has the shape {found.shape}; give (4, 4), or a rotation (3, 3) with a position")
+        position = numpy.zeros(3) if position_m is None else numbers("position_m", position_m, 3)
+        return cls(position, checked_rotation(found.reshape(3, 3)))
 
     def __matmul__(self, other: Transform) -> Transform:
         """Where a body is that is at `other` in the frame of this one."""
@@ -95,6 +112,45 @@ class Transform(NamedTuple):
         parts = [(squares[0], d, e, a), (d, squares[1], f, b), (e, f, squares[2], c), (a, b, c, squares[3])][largest]
         found: NDArray[np.float64] = numpy.array(parts) / (2.0 * math.sqrt(squares[largest]))
         return found
+
+
+def numbers(name: str, given: Any, count: Optional[int] = None) -> NDArray[np.float64]:
+    """An array of numbers, or of so many, (count,)."""
+    numpy = need("numpy")
+    wanted = "numbers" if count is None else f"{count} numbers"
+    try:
+        found: NDArray[np.float64] = numpy.array(given, numpy.float64)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"{name} is {kind(given)}; give {wanted}") from error
+    if given is None:
+        raise TypeError(f"{name} is None; give {wanted}")
+    if count is not None and found.size != count:
+        raise UsageError(f"{name} has the shape {found.shape}; give {wanted}")
+    return found if count is None else found.reshape(count)
+
+
+def checked_rotation(rotation: NDArray[np.float64], name: str = "the matrix") -> NDArray[np.float64]:
+    """The same; UsageError for what is none. What is not finite goes through: `Touch` says whose it is."""
+    numpy = need("numpy")
+    if numpy.isfinite(rotation).all():
+        off, mirrors = abs(rotation @ rotation.T - numpy.eye(3)).max(), numpy.linalg.det(rotation) < 0.0
+        if mirrors or off > RIGID:
+            does = "mirrors" if mirrors else "scales or shears"
+            raise UsageError(f"{name} {does}, and is no rotation; leave the scale out, and give it to shapes.of_arrays(..., scale)")
+    return rotation
+
+
+def check_place(name: str, place: Any) -> None:
+    """Refuses what is no place of a body."""
+    sides = [getattr(each, "shape", None) for each in place] if isinstance(place, Transform) else []
+    if sides != [(3,), (3, 3)]:
+        raise TypeError(f"the place of {name} is {kind(place)}; give what Transform.of(position_m, xyzw=...) or of_matrix makes")
+    numpy = need("numpy")
+    if not (numpy.isfinite(place.position_m).all() and numpy.isfinite(place.rotation).all()):
+        at = ", ".join(f"{each:.3g}" for each in place.position_m)
+        said = f"the place of {name} is not finite (position {at} m), as in an engine that diverged"
+        raise UsageError(f"{said}; take shorter steps, and reset() when the engine begins anew")
+    checked_rotation(place.rotation, f"the place of {name}")
 
 
 class Wrench(NamedTuple):
@@ -161,13 +217,15 @@ class Touch:
         """
         if not isinstance(simulator, Simulator):
             raise TypeError(f'simulator is {kind(simulator)}; give gelsim.Simulator("gelsight-mini")')
-        if not simulator.sensor.is_flat:
+        if not simulator.is_flat:
             way = "call simulator.step(mesh, gelsim.Placement(...))"
             raise UsageError(f"the gel of {simulator.sensor.name} is curved, and depths are measured over flat pads alone; {way}")
-        self._thickness = simulator.sensor.gelpad_thickness_mm
+        self._thickness = simulator.gelpad_thickness_mm
         checks = Checks()
         self._deepest = checks.optional("deepest_mm", deepest_mm, 0.0, self._thickness, "mm")
         checks.done()
+        if not isinstance(objects, Mapping):
+            raise TypeError(f"objects is {kind(objects)}; give a dict of names and shapes")
         if not objects:
             raise UsageError("objects is empty; give the shapes that may touch")
         self.simulator = simulator.copy()
@@ -179,7 +237,7 @@ class Touch:
         self.depth_mm = -math.inf
         """How deep the touching object reached in the last step, also if that was too deep; negative: it is at least so far away."""
         self._random = {"index": index, "seed": seed}
-        self._half = [0.5 * side for side in simulator.sensor.field_of_view_mm]
+        self._half = [0.5 * side for side in simulator.field_of_view_mm]
         self._bodies = {name: Body(shape, str(name)) for name, shape in objects.items()}
         self.reset()
 
@@ -203,12 +261,14 @@ class Touch:
         name = self._followed
         self.depth_mm = depths[name] if touching else max(depths.values(), default=-math.inf)
         place = pad.inverse() @ objects[name] if name in objects else away()
-        over = self.depth_mm - (self._thickness if self._deepest is None else self._deepest)
-        if over > 0.0 and self._deepest is None:
+        if self._deepest is None and self.depth_mm > self._thickness:
             said = f"{name!r} is {self.depth_mm:.3g} mm deep in a pad of {self._thickness:g} mm"
             raise UsageError(f"{said}; press it less deep, or give deepest_mm, the depth it is held at with a warning")
-        if over > 0.0:
+        if self._deepest is not None and self.depth_mm > self._deepest:
             self._warn("deep", f"{name!r} is {self.depth_mm:.3g} mm deep, and pressed by deepest_mm = {self._deepest:g} mm")
+        limit = self._thickness if self._deepest is None else self._deepest
+        over = self.depth_mm - min(limit, self._thickness - ROUNDING_MM)
+        if over > 0.0:
             place = Transform(place.position_m + need("numpy").array([0.0, 0.0, 1e-3 * over]), place.rotation)
         self._place = place
         press = self._press(self.simulator, place, duration_s)
@@ -218,10 +278,8 @@ class Touch:
         return press
 
     def depths(self, pad: Transform, objects: Mapping[Any, Transform]) -> dict[Any, float]:
-        """How deep each object would reach there, mm; negative: it is at least so far away."""
-        unknown = [name for name in objects if name not in self._bodies]
-        if unknown:
-            raise UsageError(f"objects has {unknown[0]!r}; known: {', '.join(map(repr, self._bodies))}")
+        """How deep each object would reach there, mm; negative: it is at least so far away. UsageError for places that are not finite."""
+        self._check(pad, objects)
         world, floor = pad.inverse(), -(self._thickness + BEHIND_MM)
         return {name: -self._bodies[name].lowest(world @ place, self._half, floor) for name, place in objects.items()}
 
@@ -242,6 +300,21 @@ class Touch:
         """Wrench in the pad's frame, N and N mm, of a frame of another simulator with the object where it was in the last step, or moved
         from there: what would be felt, while the pad's own memory stays."""
         return self._press(simulator, self._place if moved is None else moved @ self._place, 1.0 / 60.0).wrench
+
+    def is_through(self, moved: Transform) -> bool:
+        """True if the object, moved from where it was in the last step, would reach through the pad: nothing presses it there."""
+        depth = -self._bodies[self._followed].lowest(moved @ self._place, self._half, -(self._thickness + BEHIND_MM))
+        return depth > self._thickness - ROUNDING_MM
+
+    def _check(self, pad: Transform, objects: Mapping[Any, Transform]) -> None:
+        """Refuses what are no places of known objects."""
+        if not isinstance(objects, Mapping):
+            raise TypeError(f"objects is {kind(objects)}; give a dict of names and places")
+        check_place("the pad", pad)
+        for name, place in objects.items():
+            if name not in self._bodies:
+                raise UsageError(f"objects has {name!r}; known: {', '.join(map(repr, self._bodies))}")
+            check_place(repr(name), place)
 
     def _press(self, simulator: Simulator, place: Transform, duration_s: float) -> Impression:
         """A frame with the followed object there, in the pad's frame."""

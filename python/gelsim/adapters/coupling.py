@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Optional
 
-from gelsim.adapters import Touch, Transform, Wrench
+from gelsim.adapters import Touch, Transform, Wrench, check_place
 from gelsim.checks import Checks
 from gelsim.needed import need
 from gelsim.simulator import Impression
@@ -99,12 +99,19 @@ class Coupling:
     def wrench(self, pad: Transform, objects: Mapping[Any, Transform], time_s: float) -> Wrench:
         """Force and torque of the object on the pad at this time, in the world, about the pad's origin.
 
-        Where contact begins, or has become deeper or shallower by more than a straight line can tell, it takes a tactile frame."""
+        Where contact begins, or has become deeper or shallower by more than a straight line can tell, it takes a tactile frame.
+        UsageError for places that are not finite."""
         numpy = need("numpy")
-        if self._place is None and max(self.touch.depths(pad, objects).values(), default=0.0) > 0.0:
+        if self._place is None:
+            is_new = max(self.touch.depths(pad, objects).values(), default=0.0) > 0.0
+        else:
+            is_new = self.touch.touched not in objects
+        if is_new:
             self.sense(pad, objects, time_s)
         if self._place is None:
             return Wrench(numpy.zeros(3), numpy.zeros(3), pad.position_m)
+        check_place("the pad", pad)
+        check_place(repr(self.touch.touched), objects[self.touch.touched])
         moved = motion(self._place, pad.inverse() @ objects[self.touch.touched])
         if abs(moved[2]) > max(FARTHEST_M, 1e-3 * FARTHEST * self.touch.depth_mm):
             self.sense(pad, objects, time_s)
@@ -136,6 +143,8 @@ class Coupling:
         rest = self.touch.pressed(self._probe)
         steps = numpy.diag([MOVED_M, MOVED_M, -MOVED_M, TURNED_RAD, TURNED_RAD, TURNED_RAD])
         for column, step in enumerate(steps):
+            if self.touch.is_through(turned(step)):
+                step = -step
             grown = self.touch.pressed(self._probe, turned(step)) - rest
             self.stiffness[:, column] = grown * NEWTONMETRES / step[column]
         # Modes of the object on this pad: none gains energy, and each is damped by the same ratio.

@@ -36,7 +36,7 @@ def observation_space(simulator: Simulator, parts: Sequence[str] = DEFAULT) -> A
     """
     spaces, numpy = need("gymnasium").spaces, need("numpy")
     width, height = simulator.resolution_px
-    thickness = simulator.sensor.gelpad_thickness_mm
+    thickness = simulator.gelpad_thickness_mm
 
     def box(low: float, high: float, shape: tuple[int, ...], kind: str) -> Any:
         return spaces.Box(low, high, shape, getattr(numpy, kind))

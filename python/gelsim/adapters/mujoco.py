@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Optional
 from gelsim._native import UsageError
 from gelsim.adapters import Touch, Transform, shapes
 from gelsim.adapters.coupling import Coupling
+from gelsim.checks import items, kind
 from gelsim.needed import need
 from gelsim.simulator import Impression, Simulator
 
@@ -53,8 +54,11 @@ class Pad:
         without them all do. `damping` is the damping ratio of bodies held by `push`; the rest is `Touch`'s.
         """
         mujoco = need("mujoco")
+        if not isinstance(model, mujoco.MjModel):
+            raise TypeError(f"model is {kind(model)}; give a mujoco.MjModel")
+        names = items("bodies", bodies, "a list of names, such as ['knob']")
         self._site = number(model, mujoco.mjtObj.mjOBJ_SITE, "site", site)
-        self._bodies = {name: number(model, mujoco.mjtObj.mjOBJ_BODY, "body", name) for name in bodies}
+        self._bodies = {name: number(model, mujoco.mjtObj.mjOBJ_BODY, "body", name) for name in names}
         self._model = model
         objects = {name: shape_of(model, body, groups) for name, body in self._bodies.items()}
         touch = Touch(simulator, objects, friction=friction, deepest_mm=deepest_mm, index=index, seed=seed)
@@ -91,17 +95,23 @@ class Pad:
                 data.xfrc_applied[body, 3:] += torque
 
     def _where(self, data: Any) -> tuple[Transform, dict[str, Transform]]:
+        if not hasattr(data, "site_xmat"):
+            raise TypeError(f"data is {kind(data)}; give a mujoco.MjData")
+        if not data.site_xmat[self._site].any():
+            raise UsageError("data has no places yet; call mujoco.mj_forward(model, data) first")
         pad = Transform.of_matrix(data.site_xmat[self._site], data.site_xpos[self._site])
         return pad, {name: Transform.of_matrix(data.xmat[body], data.xpos[body]) for name, body in self._bodies.items()}
 
 
-def number(model: Any, kind: Any, what: str, name: str) -> int:
-    """Where a name is in the model."""
+def number(model: Any, its: Any, what: str, name: str) -> int:
+    """Where a name of its kind is in the model."""
     mujoco = need("mujoco")
-    found: int = mujoco.mj_name2id(model, kind, name)
+    if not isinstance(name, str):
+        raise TypeError(f"the name of a {what} is {kind(name)}; give a text")
+    found: int = mujoco.mj_name2id(model, its, name)
     if found < 0:
         count = {"site": model.nsite, "body": model.nbody}[what]
-        there = ", ".join(repr(mujoco.mj_id2name(model, kind, each)) for each in range(min(count, 20)))
+        there = ", ".join(repr(mujoco.mj_id2name(model, its, each)) for each in range(min(count, 20)))
         raise UsageError(f"the model has no {what} {name!r}; it has {there or 'none'}")
     return found
 
@@ -116,7 +126,8 @@ def shape_of(model: Any, body: int, groups: Optional[Sequence[int]] = None) -> S
         if model.body_parentid[child] in fixed and model.body_jntnum[child] == 0:
             fixed.add(child)
     geoms = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] in fixed]
-    geoms = [geom for geom in geoms if groups is None or model.geom_group[geom] in groups]
+    wanted = None if groups is None else items("groups", groups, "a list of whole numbers, such as [2]")
+    geoms = [geom for geom in geoms if wanted is None or model.geom_group[geom] in wanted]
     if not geoms:
         raise UsageError(f"the body {mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body)!r} has no geom, or none in these groups")
     frame = Transform.of_matrix(data.xmat[body], data.xpos[body]).inverse()

@@ -25,6 +25,8 @@ WITHIN_MM = 0.001
 """How far a flat triangle may lie from the round surface that it stands for."""
 SIDES = (24, 720)
 """Fewest and most sides of a circle."""
+LENGTHS_MM = (1e-6, 1e6)
+"""Shortest and longest side or radius."""
 
 
 class Shape(NamedTuple):
@@ -65,7 +67,7 @@ def of_arrays(vertices_m: ArrayLike, faces: ArrayLike, scale: ArrayLike = 1.0) -
 def box(half_mm: Sequence[float]) -> Shape:
     """A box of these half lengths along x, y and z."""
     numpy = need("numpy")
-    half = sizes("half_mm", half_mm, 3)
+    half = halves(half_mm)
     corners = numpy.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return Shape(corners, numpy.array([each for a, b, c, d in sides for each in ((a, b, c), (a, c, d))]))
@@ -73,35 +75,44 @@ def box(half_mm: Sequence[float]) -> Shape:
 
 def ellipsoid(half_mm: Sequence[float], *, within_mm: float = WITHIN_MM) -> Shape:
     """An ellipsoid of these half axes along x, y and z."""
-    half = sizes("half_mm", half_mm, 3)
-    around = sides_of(max(half), within_mm)
+    half, (within,) = halves(half_mm), lengths(within_mm=within_mm)
+    around = sides_of(max(half), within)
     unit = turned(domes(around, 1.0, 0.0), around)
-    return Shape(unit.vertices * [each + within_mm for each in half], unit.faces)
+    return Shape(unit.vertices * [each + within for each in half], unit.faces)
 
 
 def sphere(radius_mm: float, *, within_mm: float = WITHIN_MM) -> Shape:
     """A ball."""
-    return ellipsoid([radius_mm] * 3, within_mm=within_mm)
+    radius, within = lengths(radius_mm=radius_mm, within_mm=within_mm)
+    return ellipsoid([radius] * 3, within_mm=within)
 
 
 def capsule(radius_mm: float, half_length_mm: float, *, within_mm: float = WITHIN_MM) -> Shape:
     """A cylinder about z from -`half_length_mm` to +`half_length_mm`, with half a ball on each end."""
-    radius, half = sizes("radius_mm and half_length_mm", [radius_mm, half_length_mm], 2)
-    around = sides_of(radius, within_mm)
-    return turned(domes(around, radius + within_mm, half), around)
+    radius, half, within = lengths(radius_mm=radius_mm, half_length_mm=half_length_mm, within_mm=within_mm)
+    around = sides_of(radius, within)
+    return turned(domes(around, radius + within, half), around)
 
 
 def cylinder(radius_mm: float, half_length_mm: float, *, within_mm: float = WITHIN_MM) -> Shape:
     """A cylinder about z from -`half_length_mm` to +`half_length_mm`."""
-    radius, half = sizes("radius_mm and half_length_mm", [radius_mm, half_length_mm], 2)
-    rim = radius + within_mm
-    return turned([(0.0, -half), (rim, -half), (rim, half), (0.0, half)], sides_of(radius, within_mm))
+    radius, half, within = lengths(radius_mm=radius_mm, half_length_mm=half_length_mm, within_mm=within_mm)
+    rim = radius + within
+    return turned([(0.0, -half), (rim, -half), (rim, half), (0.0, half)], sides_of(radius, within))
 
 
-def sizes(name: str, given: Sequence[float], count: int) -> tuple[float, ...]:
+def lengths(**given: float) -> tuple[float, ...]:
     """Lengths above 0, mm."""
     checks = Checks()
-    found = checks.numbers(name, given, count, 1e-6, 1e6, "mm")
+    found = tuple(checks.number(name, each, *LENGTHS_MM, "mm") for name, each in given.items())
+    checks.done()
+    return found
+
+
+def halves(half_mm: Sequence[float]) -> tuple[float, ...]:
+    """Half lengths along x, y and z, mm."""
+    checks = Checks()
+    found = checks.numbers("half_mm", half_mm, 3, *LENGTHS_MM, "mm")
     checks.done()
     return found
 

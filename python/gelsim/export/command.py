@@ -142,6 +142,12 @@ def columns() -> int:
 def run(options: argparse.Namespace) -> int:
     """Runs the command; its exit status."""
     form: Any = import_module(f"gelsim.export.{options.to}")
+    out: Path = options.out
+    if out.name in {"", ".."} and not options.check:
+        name = "file, such as ./copy.h5" if options.to == "hdf5" else "folder, such as ./copy"
+        raise UsageError(f"--out {out} is there already: name a new {name}")
+    if options.dataset.is_file():
+        raise UsageError(f"{options.dataset} is a file: name the folder of a dataset; `gelsim generate JOB --out FOLDER` writes one")
     is_tree, is_set = hasattr(form.Writer, "SOURCE"), (options.dataset / SET_FILE).is_file()
     if is_set and not is_tree:
         raise UsageError(f"{options.dataset} is a set of sensors: name the folder of one of them")
@@ -153,7 +159,6 @@ def run(options: argparse.Namespace) -> int:
     dataset: Dataset[Sample] = (SensorSet if is_set else Dataset)(options.dataset)
     if len(dataset) == 0:
         raise UsageError(f"{options.dataset} has no samples: `gelsim generate JOB --out FOLDER` writes some")
-    out: Path = options.out
     if options.calibration is not None and options.to != "sitr":
         raise UsageError(f"--calibration is for sitr, and {options.to} has no calibration images: leave it out")
     more: dict[str, Any] = {}

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from gelsim import vectors
@@ -42,6 +44,9 @@ UNITS = {
 }
 """Of each array; poses differ from format to format."""
 
+POSE = "p = R (scale q) + t takes a point q of the mesh to the sensor's frame; scale is the label's object.scale"
+"""What a pose does."""
+
 FRAME = (
     "Right-handed, the camera's: x to the right, y down, z out of the pad towards the object; "
     "its origin is the middle of the image on the undeformed pad."
@@ -61,6 +66,27 @@ def identity(dataset: Dataset[Sample], to: str) -> dict[str, Any]:
         "fingerprint": dataset.fingerprint,
         "dataset_json_sha256": hashlib.sha256(manifest).hexdigest(),
     }
+
+
+def presets_drawn(dataset: Dataset[Sample]) -> list[str]:
+    """The presets of which each sample has one, by the job; none of a dataset of one sensor."""
+    try:
+        job = (dataset.path / "job.toml").read_text("utf-8")
+    except (OSError, ValueError):
+        return []
+    listed = re.search(r"^preset = \[(.*?)\]", job, re.MULTILINE | re.DOTALL)
+    return re.findall('"([^"]*)"', listed[1]) if listed else []
+
+
+def telling(dataset: Dataset[Sample]) -> Iterator[Raw]:
+    """The samples that show which sensors there are: all where each has one of several presets, else the first."""
+    return (dataset.raw(index) for index in range(len(dataset) if presets_drawn(dataset) else 1))
+
+
+def sensors(dataset: Dataset[Sample]) -> list[str]:
+    """The name of each pad's sensor, `digit|gelsight-mini` where samples have one or the other."""
+    each = zip(*([pad.label["sensor"]["name"] for pad in raw.pads] for raw in telling(dataset)))
+    return ["|".join(sorted(set(names))) for names in each]
 
 
 def layers(raw: Raw, pad: Pad, number: int) -> Arrays:

@@ -25,7 +25,7 @@ HAS_FLOATS = True
 """Layers of floats are read for it."""
 VERSIONS = ("v110", "v110")
 """HDF5 1.10 or later: before it each array, also one of a single chunk, had a tree of chunks, which takes 18 kB of memory."""
-POSE_UNIT = "mm (x, y, z) and quaternion (x, y, z, w): p = R q + t takes a point of the mesh to the sensor's frame"
+POSE_UNIT = "mm (x, y, z) and quaternion (x, y, z, w); " + content.POSE
 
 
 def source(out: Path) -> Any:

@@ -146,23 +146,27 @@ def rows_of_dots(dataset: Dataset[Sample]) -> dict[str, tuple[int, int]]:
     return found
 
 
+def has_torque(dataset: Dataset[Sample], at: int) -> bool:
+    """True if any label knows the torque on sensor `at`, as not of presses on flat pads."""
+    parts = (part for raw in content.telling(dataset) for part in raw.pads[at].parts)
+    return any("wrench" in part or part["contact"].get("force_vector_n") for part in parts)
+
+
 class Features:
-    """What each frame has: what the first sample has, and as many rows of positions as any frame."""
+    """What each frame has: what the first sample has, as many rows of positions as any frame, and torques if any has them."""
 
     def __init__(self, dataset: Dataset[Sample]) -> None:
         first = dataset.raw(0)
-        self.sensors = "+".join(pad.label["sensor"]["name"] for pad in first.pads)
+        self.sensors = "+".join(content.sensors(dataset))
         self.fps = content.frame_rate_hz(first)
         vector = {"dtype": "float32", "fps": self.rate()}
         counter = {"dtype": "int64", "shape": [1], "names": None}
         values: dict[str, Any] = {}
         self.units: dict[str, str] = {}
-        for pad in first.pads:
+        for at, pad in enumerate(first.pads):
             state, wrench = feature("state", pad.finger), feature("wrench", pad.finger)
             values[state] = {**vector, "shape": [7], "names": vectors.POSE}
-            # No torque is known of presses on flat pads.
-            part = pad.parts[0]
-            known = vectors.WRENCH if "wrench" in part or part["contact"].get("force_vector_n") else vectors.WRENCH[:3]
+            known = vectors.WRENCH if has_torque(dataset, at) else vectors.WRENCH[:3]
             values[wrench] = {**vector, "shape": [len(known)], "names": known}
             self.units[state] = "mm and quaternion: the object's pose in the sensor's frame"
             self.units[wrench] = content.UNITS["wrench"]

@@ -80,6 +80,10 @@ def find_calibration(dataset: Dataset[Sample], named: Optional[Path]) -> Path:
 def prepare(dataset: Dataset[Sample], calibration: Path) -> dict[str, Any]:
     """Raises if something is wanting. Gives what the copy says of its calibration."""
     presses = calibrating(calibration)
+    if isinstance(presses, SensorSet) and not isinstance(dataset, SensorSet):
+        name = dataset.path.name if dataset.path.name in presses.sensors else next(iter(presses.sensors))
+        help = f"name one sensor's folder in it: {calibration / name}"
+        raise UsageError(f"{calibration} is a set of sensors, and {dataset.path} of one: {help}")
     if isinstance(dataset, SensorSet) != isinstance(presses, SensorSet) or (
         isinstance(dataset, SensorSet) and isinstance(presses, SensorSet) and dataset.set["sensors"] != presses.set["sensors"]
     ):

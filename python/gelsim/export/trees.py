@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 import tarfile
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple, Optional
 
 from gelsim._native import UsageError
 from gelsim.dataset import Dataset, Pad, Raw, SensorSet
+from gelsim.export import content
 from gelsim.export.parts import Place
 from gelsim.needed import need
 from gelsim.sample import Sample
@@ -119,18 +119,8 @@ def check_forces(dataset: Dataset[Sample], layout: str) -> None:
         for pad in raw.pads:
             family(pad.label["sensor"]["name"], layout)
             untouched(raw, pad)
-        for name in presets_drawn(each):
+        for name in content.presets_drawn(each):
             family(name, layout)
-
-
-def presets_drawn(dataset: Dataset[Sample]) -> list[str]:
-    """The presets of which each sample has one, by the job; none of a dataset of one sensor."""
-    try:
-        job = (dataset.path / "job.toml").read_text("utf-8")
-    except (OSError, ValueError):
-        return []
-    listed = re.search(r"^preset = \[(.*?)\]", job, re.MULTILINE | re.DOTALL)
-    return re.findall('"([^"]*)"', listed[1]) if listed else []
 
 
 def untouched(raw: Raw, pad: Pad) -> bytes:

@@ -26,7 +26,7 @@ HAS_FLOATS = True
 PAD = "pad"
 """With a number: the only pad, and of a gripper the left one, is pad0, the right one pad1."""
 POSE = ["x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"]
-POSE_UNIT = "mm (x, y, z) and rotation vector in radians: p = R q + t takes a point of the mesh to the sensor's frame"
+POSE_UNIT = "mm (x, y, z) and rotation vector in radians; " + content.POSE
 META = {
     "episode_ends": "frames before the end of each episode",
     "label_ends": "bytes of label_json before the end of each episode's",
@@ -51,7 +51,7 @@ class Writer:
 
     def __init__(self, dataset: Dataset[Sample], folder: Path, out: Path, identity: dict[str, Any]) -> None:
         self.dataset, self.folder, self.identity = dataset, folder, identity
-        self.zipped = out.suffix == ".zip"
+        self.zipped = out.suffix.lower() == ".zip"
         self.numpy, self.root = need("numpy"), folder / "out"
         created = folder / "parts/arrays.json"
         if not created.exists():
@@ -119,7 +119,7 @@ class Writer:
             "frame_rate_hz": content.frame_rate_hz(first),
             "classes": self.dataset.classes,
             "splits": self.dataset.splits,
-            "pads": {at: pad.label["sensor"]["name"] for at, pad in pads.items()},
+            "pads": dict(zip(pads, content.sensors(self.dataset))),
         }
         if fingers := {at: pad.finger for at, pad in pads.items() if pad.finger is not None}:
             about["fingers"] = fingers

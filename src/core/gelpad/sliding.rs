@@ -620,12 +620,7 @@ impl Sliding {
                     let (column, row) = (x as f64, y as f64);
                     let place_mm =
                         [0, 1].map(|k| start[k] + column * (right[k] - start[k]) + row * (down[k] - start[k]));
-                    states.row_mut(y)[x] = match self.history.state_at(place_mm) {
-                        // The camera's pixels are finer than those of the tractions; these lie at the rim of the
-                        // contact.
-                        StickSlip::Apart => StickSlip::Slips,
-                        state => state,
-                    };
+                    states.row_mut(y)[x] = self.history.state_near(place_mm);
                 }
             }
         }

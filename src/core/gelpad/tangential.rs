@@ -69,10 +69,10 @@ pub fn solve_tangential_motion(
     let still = |shear: &Shear| shear.motion.shift_mm == [0.0; 2] && shear.motion.twist_rad == 0.0;
     let need = match (shear, in_plane, load) {
         (None, ..) => Requirement::Absent("the job moves no object"),
-        (_, None, _) => Requirement::Absent("no marker shows it, or the gelpad model knows no traction"),
+        (_, None, _) => Requirement::Absent("nothing shows it, or the gelpad model knows no traction"),
         (.., None) => Requirement::Unneeded("nothing touches the pad"),
         (Some(shear), ..) if still(shear) => Requirement::Unneeded("this sample's object is not moved"),
-        _ => Requirement::Needed("markers follow the object"),
+        _ => Requirement::Needed("the pad follows the object"),
     };
     let moves = effects.enable(Effect::Shear, need);
     let (in_plane, load) = in_plane.zip(load)?;

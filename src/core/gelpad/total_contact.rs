@@ -94,12 +94,17 @@ pub fn measure_total_contact(
         #[inline(always)]
         || count_true(contact.mask.data.iter().map(|touches| *touches > 0)),
     );
-    let in_view_mm2 = f64::from(touching) * dx * dy;
+    let mut in_view_mm2 = f64::from(touching) * dx * dy;
     // Around the view, within the captured window.
     let (force, mut area_mm2) = match (&contact.load, contact.force_n) {
         (Some(load), Some(_)) => force_and_area_around_view(load, view),
         (None, Some(_)) => (0.0, 0.0),
-        (_, None) => (0.0, count_penetrating_around_view(depth) as f64 * dx * dy),
+        (_, None) => {
+            // Without pressure, what reaches below the pad counts, in view and around it alike.
+            let [within, around] = count_penetrating(depth).map(|px| px as f64 * dx * dy);
+            in_view_mm2 = within;
+            (0.0, around)
+        }
     };
     // kPa mm^2 are mN.
     let force_n = contact.stiffening_factor * force * youngs_modulus_kpa * 1e-3;
@@ -178,15 +183,18 @@ fn force_and_area_around_view(load: &Load, view: &View) -> (f64, f64) {
     (sum * cell_mm2, touching as f64 * cell_mm2)
 }
 
-/// Counts the pixels around the view in which the object reaches below the undeformed pad.
-fn count_penetrating_around_view(depth: &Depth) -> u64 {
+/// Counts the pixels in which the object reaches below the undeformed pad: those in view, and those around it.
+fn count_penetrating(depth: &Depth) -> [u64; 2] {
     let Depth { penetration, margin_px, touching, .. } = depth;
     let [x1, y1] = [penetration.width, penetration.height].map(|size| size - margin_px);
-    let mut count = 0;
+    let (mut within, mut all) = (0, 0);
+    let count = |row: &[f32]| row.iter().map(|mm| u64::from(*mm > 0.0)).sum::<u64>();
     for y in touching.y0..touching.y1 {
         let row = penetration.row(y);
-        let sides = if (*margin_px..y1).contains(&y) { [&row[..*margin_px], &row[x1..]] } else { [row, &[]] };
-        count += sides.into_iter().flatten().map(|mm| u64::from(*mm > 0.0)).sum::<u64>();
+        all += count(row);
+        if (*margin_px..y1).contains(&y) {
+            within += count(&row[*margin_px..x1]);
+        }
     }
-    count
+    [within, all - within]
 }

@@ -6,7 +6,6 @@
 //! fourth degree in each channel.
 
 use super::led::Led;
-use crate::base::angle::sin_cos_deg;
 use crate::base::grain::grain_noise;
 use crate::base::grid::{Grid, Rect};
 use crate::base::light::Light;
@@ -91,7 +90,7 @@ impl BackgroundImage {
         // The glow falls exponentially with the distance to the LED, which is one along x plus one along y. So it is a
         // product of two factors, which are computed per column and per row.
         let along = |led: &Led, k: usize| -> Vec<f64> {
-            let (sin, cos) = sin_cos_deg(led.azimuth_deg);
+            let (sin, cos) = led.place().azimuth;
             let (towards, half) = ([cos, sin][k], field_of_view_mm[k] / 2.0);
             let distance =
                 |at: usize| half * libm::fabs(towards) - pixel_centre_mm(at, k, field_of_view_mm, view) * towards;

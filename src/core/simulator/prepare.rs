@@ -188,7 +188,7 @@ impl Simulator {
         };
         let (background, camera) = match &curved {
             None => {
-                let glow = |led: &Led| (led.azimuth_deg, led.intensity, led.color);
+                let glow = |led: &Led| (led.place().azimuth, led.intensity, led.color);
                 let background = parts.share_or_make(
                     |of| (&of.background, &of.lamps, of.leds.iter().map(glow).collect::<Vec<_>>()),
                     |donor| Arc::clone(&donor.background),

@@ -118,7 +118,7 @@ pub fn check_frames(plan: &Plan, request: &FrameRequest) -> Result<Vec<FrameReac
         // A log is no file of a frame.
         let suffixes = if tactile_log::is_log_name(out) { Vec::new() } else { file_suffixes(plan) };
         let mut ours = suffixes.into_iter().map(|suffix| out.join(format!("{}.{suffix}", source.stem)));
-        if ours.any(|path| is_same_file(&path, &source.path)) {
+        if ours.any(|path| input::is_same_path(&path, &source.path)) {
             let problem = Diagnostic::new(format!("{} would be written over", source.path.display()));
             problems.push(problem.help("choose another folder with --out"));
         }
@@ -320,7 +320,7 @@ fn write_frame_files(out: &Path, source: &FrameSource, members: &[Member]) -> Re
     });
     for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
         let path = path(&suffix);
-        if is_same_file(&path, &source.path) {
+        if input::is_same_path(&path, &source.path) {
             continue;
         }
         ignore_not_found(fs::remove_file(&path)).map_err(|error| RenderError::Io(path, error))?;
@@ -331,9 +331,4 @@ fn write_frame_files(out: &Path, source: &FrameSource, members: &[Member]) -> Re
         written.map_err(|error| RenderError::Io(path, error))?;
     }
     Ok(())
-}
-
-/// Returns true if both paths exist and are the same file.
-fn is_same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }

@@ -10,7 +10,7 @@ use super::read::{self, FRAME_EXTENSIONS, split_archive_path};
 use crate::logs::is_log;
 use gelsim_core::base::grid::Grid;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
-use gelsim_files::input::{collect_matching_files, may_be_file, suggest_file_name};
+use gelsim_files::input::{find_matching_files, may_be_file, suggest_file_name};
 
 /// Where a frame is.
 #[derive(Clone, Debug)]
@@ -112,18 +112,16 @@ fn list_frame_files(written: &Path, problems: &mut Diagnostics) -> Vec<PathBuf> 
             )
         };
     };
-    match glob::glob(pattern) {
+    match find_matching_files(pattern) {
         Err(error) => wrong(
             format!("{shown} is no pattern: {}", error.msg),
             String::from("`*`, `?` and `[abc]` stand for characters"),
         ),
-        Ok(paths) => match collect_matching_files(paths) {
-            Err(error) => wrong(error.to_string(), String::from("name folders that can be read")),
-            Ok(found) if found.is_empty() => {
-                wrong(format!("no file matches {shown}"), String::from("paths start from the current folder"))
-            }
-            Ok(found) => found,
-        },
+        Ok(Err(error)) => wrong(error.to_string(), String::from("name folders that can be read")),
+        Ok(Ok(found)) if found.is_empty() => {
+            wrong(format!("no file matches {shown}"), String::from("paths start from the current folder"))
+        }
+        Ok(Ok(found)) => found,
     }
 }
 

@@ -140,7 +140,8 @@ impl Sensor {
         if !(rendered && self.stray_light.is_some()) {
             add("led.intensity", Correlation::Common, of_leds("intensity", unit.led_intensity), true);
         }
-        for i in 0..self.led.len() {
+        // One that is given by its position has no direction that could differ.
+        for i in (0..self.led.len()).filter(|i| self.led[*i].position_mm.is_none()) {
             for (key, deviation) in [("azimuth_deg", unit.led_azimuth_deg), ("elevation_deg", unit.led_elevation_deg)] {
                 let path = format!("led.{i}.{key}");
                 add(&path, Correlation::Common, vec![(path.clone(), deviation)], false);

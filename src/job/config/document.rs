@@ -229,6 +229,8 @@ impl Document {
                 }
                 value => {
                     if !matches!(value, TomlValue::Table(_)) {
+                        // What is wrong with the table is wrong there, and not with the value that was here.
+                        at.place = key_place;
                         *value = TomlValue::Table(Vec::new());
                     }
                     let TomlValue::Table(entries) = value else { unreachable!("made a table just above") };
@@ -250,7 +252,10 @@ impl Document {
                     node;
             }
             TomlValue::Table(entries) => put_entry(entries, TomlEntry { key: last.clone(), key_place, node }),
-            value => *value = TomlValue::Table(vec![TomlEntry { key: last.clone(), key_place, node }]),
+            value => {
+                at.place = key_place;
+                *value = TomlValue::Table(vec![TomlEntry { key: last.clone(), key_place, node }]);
+            }
         }
         Ok(())
     }

@@ -29,9 +29,12 @@ pub fn suggest_key(written: &str, known: &[&str]) -> String {
     if let Some(name) = known.iter().find(|name| normalise_name(name) == guess) {
         return format!("did you mean `{name}`?");
     }
-    let meant =
-        KEY_GUESSES.iter().filter(|(guesses, _)| guesses.contains(&guess.as_str())).flat_map(|(_, meant)| *meant);
-    for meaning in meant {
+    let guessed: Vec<_> = KEY_GUESSES.iter().filter(|(guesses, _)| guesses.contains(&guess.as_str())).collect();
+    // A key in the wrong table: where it belongs is said with what others call it.
+    let itself: Vec<_> =
+        KEY_GUESSES.iter().filter(|(_, meant)| matches!(meant.first(), Some(Key(key)) if *key == guess)).collect();
+    let itself = if itself.len() == 1 { itself } else { Vec::new() };
+    for meaning in guessed.into_iter().chain(itself).flat_map(|(_, meant)| *meant) {
         match meaning {
             Key(key) if known.contains(key) => return format!("did you mean `{key}`?"),
             Elsewhere(help) => return (*help).to_owned(),
@@ -57,8 +60,9 @@ pub fn guess_choice<'a>(written: &str, known: &[&'a str]) -> Option<&'a str> {
     };
     // Sides differ only by their sign, so that a nearest spelling must have one, too.
     let signed = written.starts_with(['+', '-']);
-    let by_spelling =
-        || find_nearest_name(written, known.iter().copied().filter(|name| !signed || name.starts_with(['+', '-'])));
+    let is_known = CHOICE_HELP.iter().any(|(guesses, _)| guesses.contains(&guess.as_str()));
+    let alike = || known.iter().copied().filter(|name| !is_known && (!signed || name.starts_with(['+', '-'])));
+    let by_spelling = || find_nearest_name(written, alike());
     same().or_else(by_table).copied().or_else(by_spelling)
 }
 
@@ -386,6 +390,14 @@ mod tests {
         assert!(suggest_key("brightnes", &["depth_mm", "at"]).starts_with("known here: "));
         // A key is suggested only in a table that has it.
         assert!(suggest_key("background_image", &["depth_mm"]).contains("under [sensor]"));
+        // One in the wrong table is not taken for another that is spelt or called alike.
+        let object = ["path", "unit", "scale", "length_mm", "weight", "class"];
+        assert!(suggest_key("depth_mm", &object).starts_with("under [indentation]: depth_mm"));
+        assert!(suggest_key("num_samples", &object).starts_with("under [dataset]: samples"));
+        assert!(suggest_key("samples", &["dataset", "sensor", "object"]).starts_with("under [dataset]: samples"));
+        assert!(suggest_key("fidelity", &["layers", "exr"]).starts_with("at the top of the job"));
+        assert!(suggest_key("layers", &object).starts_with("under [output]"));
+        assert!(suggest_key("size", &object).contains("`length_mm`"));
     }
 
     #[test]
@@ -395,6 +407,8 @@ mod tests {
         assert_eq!(guess_choice("gelsight", &["allsight", "gelsight-mini"]), Some("gelsight-mini"));
         assert_eq!(guess_choice("-Z", &["any", "+x", "-x", "+z", "-z"]), Some("-z"));
         assert_eq!(guess_choice("meters", &["mm", "cm", "m", "in"]), Some("m"));
+        assert_eq!(guess_choice("um", &["mm", "cm", "m", "in"]), None);
+        assert!(suggest_choice("um", &["mm", "cm", "m", "in"]).starts_with("for micrometres write"));
         assert!(suggest_choice("hdf5", &["tar", "folder"]).starts_with("gelsim-export copies"));
     }
 

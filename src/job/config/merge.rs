@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::foreign::decode_text;
 use gelsim_files::input;
 use gelsim_files::sensor;
 use gelsim_files::source::SourceSpan;
@@ -250,8 +251,8 @@ fn merge_sensor_below(document: &mut Document, problems: &mut Diagnostics) -> bo
             problems.push(problem);
         }
         let path = document.folder_of("sensor.file").join(written);
-        let text = input::read(&path, document::MAX_READ_BYTES)
-            .and_then(|bytes| String::from_utf8(bytes).map_err(|_| io::Error::other("it is not UTF-8")));
+        let text =
+            input::read(&path, document::MAX_READ_BYTES).and_then(|bytes| decode_text(bytes).map_err(io::Error::other));
         match text {
             Ok(text) => {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();

@@ -31,6 +31,7 @@ use gelsim_core::effects::EffectPolicy;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::{gelpad, optics};
 use gelsim_files::diagnostic::{Diagnostics, Report, user_error};
+use gelsim_files::foreign::decode_text;
 use gelsim_files::input;
 use gelsim_files::mesh::Format;
 use gelsim_files::sensor::camera::CameraDistribution;
@@ -270,11 +271,8 @@ pub fn read_job(path: &Path, overrides: &Overrides, problems: &mut Diagnostics) 
             false => user_error(message, "name the job file, a text that ends in .toml"),
         }
     })?;
-    let text = String::from_utf8(text).map_err(|error| {
-        let valid = error.utf8_error().valid_up_to();
-        let utf16 = if error.as_bytes().starts_with(&[0xff, 0xfe]) { ", but probably UTF-16" } else { "" };
-        user_error(format!("{name}: not UTF-8 at byte {valid}{utf16}"), "a job is a text in UTF-8: save it so")
-    })?;
+    let text = decode_text(text)
+        .map_err(|reason| user_error(format!("{name}: cannot read the job: {reason}"), "a job is a text in UTF-8"))?;
     let folder = path.parent().unwrap_or(Path::new(""));
     Ok(read_job_text(&name, text, folder, overrides, problems))
 }

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
+use gelsim_files::foreign::decode_text;
 use gelsim_files::input;
 
 use super::document::{Document, TomlEntry, TomlNode, TomlValue};
@@ -49,7 +50,7 @@ impl Sensors {
         let written = node.as_str()?;
         let path = document.folder_of("sensors.calibration").join(written);
         let text = input::read(&path, super::document::MAX_READ_BYTES)
-            .and_then(|bytes| String::from_utf8(bytes).map_err(|_| io::Error::other("it is not UTF-8")));
+            .and_then(|bytes| decode_text(bytes).map_err(io::Error::other));
         let text = text.map_err(|error| {
             let message = format!("cannot read the job of the calibration presses {}: {error}", path.display());
             let jobs = |path: &Path| path.extension().is_some_and(|ending| ending == "toml");

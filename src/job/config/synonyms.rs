@@ -110,26 +110,15 @@ pub const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
         ],
     ),
     (
-        &[
-            "n",
-            "num",
-            "count",
-            "number",
-            "num_samples",
-            "n_samples",
-            "number_of_samples",
-            "size",
-            "length",
-            "images",
-            "num_images",
-        ],
-        &[Key("samples"), Key("resolution_px"), Key("length_mm"), Elsewhere("under [dataset]: samples = 1000")],
+        &["n", "num", "count", "number", "num_samples", "n_samples", "number_of_samples", "images", "num_images"],
+        &[Key("samples"), Elsewhere("under [dataset]: samples = 1000")],
     ),
+    (&["size", "length"], &[Key("samples"), Key("resolution_px"), Key("length_mm")]),
     (&["random_seed", "rng_seed", "rng", "random_state"], &[Key("seed"), Elsewhere("under [dataset]: seed = 7")]),
     (&["shard_size", "samples_per_tar", "shards", "maxcount"], &[Key("samples_per_shard")]),
     (
         &["split", "split_ratio", "train_split", "train_val_test", "train_fraction", "ratios"],
-        &[Key("splits"), Key("split")],
+        &[Key("splits"), Key("split"), Elsewhere("under [dataset]: splits = { train = 0.9, test = 0.1 }")],
     ),
     (
         &[
@@ -204,7 +193,10 @@ pub const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
     ),
     (&["label", "category", "class_name", "object_class"], &[Key("class")]),
     (&["probability", "prob", "p", "frequency"], &[Key("weight")]),
-    (&["outputs", "channels", "maps", "annotations", "modalities"], &[Key("layers")]),
+    (
+        &["outputs", "channels", "maps", "annotations", "modalities"],
+        &[Key("layers"), Elsewhere("under [output]: layers = [\"depth\"]")],
+    ),
     (&["format", "file_format", "output_format", "writer", "storage"], &[Key("container"), Key("depth_format")]),
     (&["compress", "exr_compression"], &[Key("compression"), Key("exr")]),
     (&["colour", "rgb"], &[Key("color")]),
@@ -222,6 +214,7 @@ pub const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
     (&["duration", "time_s", "seconds"], &[Key("duration_s")]),
     (&["level", "quality", "rung"], &[Key("fidelity"), Elsewhere("at the top of the job: fidelity = \"standard\"")]),
     (&["objects", "object_list", "indenter", "indenters"], &[Key("object")]),
+    (&["side", "facing"], &[Key("face"), Elsewhere("under [pose]: face = \"-z\"")]),
     (&["workers", "num_workers", "threads", "n_jobs", "jobs"], &[Elsewhere("--threads T on the command line")]),
     (&["overwrite", "force_overwrite"], &[Elsewhere("--overwrite on the command line")]),
 ];
@@ -243,7 +236,6 @@ pub const CHOICE_GUESSES: &[(&[&str], &[&str])] = &[
     (&["millimeters", "millimetres", "millimeter", "millimetre"], &["mm"]),
     (&["centimeters", "centimetres", "centimeter", "centimetre"], &["cm"]),
     (&["inch", "inches", "\""], &["in"]),
-    (&["micrometers", "micrometres", "micron", "microns"], &["um"]),
     (&["random", "all", "every"], &["any"]),
     (&["best", "automatic", "relief"], &["auto"]),
     (&["down", "bottom", "lowest"], &["-z", "contact"]),
@@ -266,8 +258,13 @@ pub const CHOICE_GUESSES: &[(&[&str], &[&str])] = &[
     (&["gelsight_2017", "gelsight2017", "wedge", "gelsight_wedge", "gelslim", "r1"], &["gelsight-2017"]),
 ];
 
-/// Values that belong somewhere else altogether, and where.
+/// Values that belong somewhere else altogether, or nowhere, and what to write instead. They mean nothing that is
+/// spelt like them.
 pub const CHOICE_HELP: &[(&[&str], &str)] = &[
+    (
+        &["um", "\u{b5}m", "\u{3bc}m", "micrometers", "micrometres", "micrometer", "micrometre", "micron", "microns"],
+        "for micrometres write unit = \"mm\" and scale = 0.001",
+    ),
     (
         &["hdf5", "h5", "zarr", "lerobot", "parquet", "rlds", "tfrecord"],
         "gelsim-export copies a dataset to lerobot, zarr or hdf5 (pip install '.[export]', docs/how-to/export.md)",

@@ -156,12 +156,13 @@ impl ContactLabel {
 impl NumericsLabel {
     pub(super) fn from_contact(plan: &Plan, scene: &Scene, contact: &Contact, thickness_mm: f64) -> Self {
         let light_error = plan.simulator.light_error();
+        let reach_mm = scene.reach_mm(plan);
         Self {
             converged: contact.numerics.converged,
             iterations: contact.numerics.iterations,
             residual_um: contact.numerics.residual_um,
-            strain: scene.deepest_mm() / thickness_mm,
-            beyond_theory: scene.deepest_mm() > MAX_STRAIN * thickness_mm,
+            strain: reach_mm / thickness_mm,
+            beyond_theory: reach_mm > MAX_STRAIN * thickness_mm,
             model_error_um: contact.numerics.model_error_um.ok(),
             model_error_unknown: contact.numerics.model_error_um.err().unwrap_or_default().to_owned(),
             theory: contact.numerics.theory,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::plan::Plan;
 use crate::scene::Scene;
 use gelsim_core::base::view::View;
-use gelsim_core::optics::led::Led;
+use gelsim_core::optics::led::{Led, LedPlace};
 use gelsim_core::sensor::{Background, Sensor};
 use gelsim_core::simulator::Simulator;
 
@@ -129,13 +129,22 @@ impl SensorLabel {
 
 impl LedLabel {
     fn new(led: &Led) -> Self {
+        let [azimuth_deg, elevation_deg, distance_mm] = match led.position_mm {
+            None => [led.azimuth_deg, led.elevation_deg, led.distance_mm],
+            // Only its position says where it is.
+            Some(_) => {
+                let LedPlace { direction, azimuth: (sin, cos), distance_mm } = led.place();
+                let elevation = libm::asin((-direction[2]).clamp(-1.0, 1.0));
+                [libm::atan2(sin, cos).to_degrees(), elevation.to_degrees(), distance_mm]
+            }
+        };
         let led = led.clone();
         Self {
             name: led.name,
-            azimuth_deg: led.azimuth_deg,
-            elevation_deg: led.elevation_deg,
+            azimuth_deg,
+            elevation_deg,
             angular_size_deg: led.angular_size_deg,
-            distance_mm: led.distance_mm,
+            distance_mm,
             position_mm: led.position_mm.iter().flatten().copied().collect(),
             size_mm: led.size_mm.iter().flatten().copied().collect(),
             lobe: led.lobe,

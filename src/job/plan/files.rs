@@ -29,6 +29,9 @@ pub fn read_input_file<T>(
     sha256: &mut Option<String>,
     decode: impl Fn(&[u8]) -> Result<T, String>,
 ) -> Option<T> {
+    if paths::refuse_empty_path(check, key, path, kind) {
+        return None;
+    }
     let found = check.document.folder_of(key).join(&path);
     let is_there = found.is_file();
     let bytes = match found.to_str() {
@@ -53,20 +56,37 @@ pub fn read_input_file<T>(
             return None;
         }
     };
-    if sha256.as_ref().is_some_and(|expected| *expected != hash) {
-        let message = format!("the {} {} has changed: its SHA-256 is {hash}", kind.name, found.display());
+    let own_key = || {
         let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
-        let own = match (table.strip_suffix(".layout"), name) {
+        match (table.strip_suffix(".layout"), name) {
             (_, "path") => format!("{table}.sha256"),
             // For the key `layout.file`, the hash stands beside `layout`.
             (Some(table), _) => format!("{table}.layout_sha256"),
             (None, name) => format!("{table}.{name}_sha256"),
-        };
-        check.report_error(&own, message, "restore the file, or remove this key");
-    }
+        }
+    };
+    check_hash(check, own_key, sha256.as_deref(), &hash, || format!("the {} {}", kind.name, found.display()));
     *path = found.to_string_lossy().into_owned();
     *sha256 = Some(hash);
     Some(content)
+}
+
+/// Reports a file that has not the SHA-256 that the job gives at a key.
+pub fn check_hash(
+    check: &mut JobChecker<'_>,
+    key: impl Fn() -> String,
+    expected: Option<&str>,
+    hash: &str,
+    file: impl Fn() -> String,
+) {
+    let Some(expected) = expected.filter(|expected| !expected.eq_ignore_ascii_case(hash)) else { return };
+    if expected.len() != 64 || !expected.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        let message = format!("no SHA-256: that of {} is {hash}", file());
+        check.report_error(&key(), message, "write that, as sha256sum prints it, or remove this key");
+    } else {
+        let message = format!("{} has changed: its SHA-256 is {hash}", file());
+        check.report_error(&key(), message, "restore the file, or remove this key");
+    }
 }
 
 /// A photograph of the untouched pad.

@@ -65,6 +65,9 @@ fn read_gel_surface(check: &mut JobChecker<'_>, mesh: &mut GelMesh) -> Option<Ar
     for k in 0..3 {
         check.require_in_range(&format!("sensor.shape.mesh.offset_mm.{k}"), mesh.offset_mm[k], -1e4..=1e4, "mm");
     }
+    if paths::refuse_empty_path(check, KEY, &mesh.path, &paths::GELS) {
+        return None;
+    }
     let found = check.document.folder_of(KEY).join(&mesh.path);
     let Some(path) = found.to_str() else {
         check.report_error(
@@ -88,10 +91,8 @@ fn read_gel_surface(check: &mut JobChecker<'_>, mesh: &mut GelMesh) -> Option<Ar
             return None;
         }
     };
-    if mesh.sha256.as_ref().is_some_and(|expected| *expected != loaded.sha256) {
-        let message = format!("the gel's mesh {path} has changed: its SHA-256 is {}", loaded.sha256);
-        check.report_error("sensor.shape.mesh.sha256", message, "restore the file, or remove this key");
-    }
+    let (key, file) = (|| String::from("sensor.shape.mesh.sha256"), || format!("the gel's mesh {path}"));
+    files::check_hash(check, key, mesh.sha256.as_deref(), &loaded.sha256, file);
     mesh.path = path.to_owned();
     mesh.sha256 = Some(loaded.sha256);
     let mesh::LoadedMesh { mesh: triangles, mm_per_unit, .. } = loaded;

@@ -13,7 +13,7 @@ use super::object_sampler::{ObjectSampler, WeightedSampler};
 use super::paths::{OBJECTS, find_files, resolve_folders};
 use super::{files, object_notes};
 use crate::config::Job;
-use crate::config::dataset::{Dataset, ObjectOrder, SplitBy};
+use crate::config::dataset::{ObjectOrder, SplitBy};
 use crate::config::object::{Object as Entry, OnBad, Parts, Unit};
 use crate::config::scene::Face;
 use crate::inspection::findings::{self, MeshFinding};
@@ -83,7 +83,7 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
     for i in 0..job.object.len() {
         resolve_folders(check, &format!("object.{i}.packages"), &mut job.object[i].packages);
         let entry = &job.object[i];
-        check_entry(check, i, entry, &job.dataset);
+        check_entry(check, i, job);
         match find_object_files(check, i, entry) {
             Ok(found) => meshes.extend(found),
             Err(count) => unread += count,
@@ -135,7 +135,8 @@ pub fn load_objects(check: &mut JobChecker<'_>, job: &mut Job, notes: &mut Diagn
 }
 
 /// Checks the keys of the `[[object]]` with this index that do not depend on its files.
-fn check_entry(check: &mut JobChecker<'_>, i: usize, entry: &Entry, dataset: &Dataset) {
+fn check_entry(check: &mut JobChecker<'_>, i: usize, job: &Job) {
+    let (entry, dataset) = (&job.object[i], &job.dataset);
     let path = |key: &str| format!("object.{i}.{key}");
     check.require_in_range(&path("weight"), entry.weight, 0.0..=1e9, "");
     if entry.class.as_deref().is_some_and(|class| class.is_empty() || class.len() > 255) {
@@ -150,7 +151,10 @@ fn check_entry(check: &mut JobChecker<'_>, i: usize, entry: &Entry, dataset: &Da
         check.report_error(&path("split"), message, help);
     } else if dataset.splits.shares()[split.number()] <= 0.0 {
         let message = format!("no sample is in the split `{}`", split.name());
-        let example = format!("splits = {{ train = 0.9, {} = 0.1 }}", split.name());
+        let is_only = job.object.iter().all(|other| other.split == Some(split));
+        let shares =
+            if is_only { format!("{} = 1.0", split.name()) } else { format!("train = 0.9, {} = 0.1", split.name()) };
+        let example = format!("splits = {{ {shares} }}");
         let help = format!("give it a share under [dataset], such as {example}");
         check.report_error(&path("split"), message, help);
     }
@@ -262,12 +266,8 @@ impl ObjectLoader<'_, '_> {
             let of_job = object_notes::collect_object_notes(&shown, self.job, &scale, part);
             self.notes.extend(of_job.into_iter().map(|note| note.at(place)));
         }
-        if let Some(expected) = &entry.sha256
-            && *expected != part.sha256
-        {
-            let message = format!("{} has changed: its SHA-256 is {}", file.path.display(), part.sha256);
-            self.check.report_error(&format!("object.{i}.sha256"), message, "restore the file, or remove this key");
-        }
+        let (key, path) = (|| format!("object.{i}.sha256"), || file.path.display().to_string());
+        files::check_hash(self.check, key, entry.sha256.as_deref(), &part.sha256, path);
         let most = part.size.largest_extent_mm() * scale.support().1;
         if most > LARGEST_MM && entry.scale != Quantity::Constant(1.0) {
             let message = format!("{shown} may be {} mm long under this scale", format_number(most));
@@ -354,7 +354,9 @@ fn check_height_maps(check: &mut JobChecker<'_>, i: usize, entry: &Entry, found:
     let path = |key: &str| format!("object.{i}.{key}");
     let numbers = [("mm_per_px", entry.mm_per_px, "0.02"), ("height_mm", entry.height_mm, "0.5")];
     let Some(map) = found.iter().find(|path| mesh::is_height_map(path)) else {
-        for (key, ..) in numbers.iter().filter(|(_, value, _)| value.is_some()) {
+        // What is neither a mesh nor a height map is refused for that.
+        let is_mesh = found.iter().any(|path| mesh::Format::from_path(path).is_some());
+        for (key, ..) in numbers.iter().filter(|(_, value, _)| value.is_some() && is_mesh) {
             let message = format!("{key} is for height maps (.png, .npy, .npz, .exr), and `path` names none");
             check.report_error(&path(key), message, "leave it out; `unit` and `scale` say how large a mesh is");
         }
@@ -461,7 +463,8 @@ pub fn divide_objects(check: &mut JobChecker<'_>, job: &Job, found: &FoundObject
             let free: Vec<_> = contents.iter().copied().filter(|content| !said.contains_key(content)).collect();
             let fixed: [usize; 3] = std::array::from_fn(|k| said.values().filter(|split| split.number() == k).count());
             let needed = (0..3).filter(|&k| shares[k] > 0.0 && fixed[k] == 0).count();
-            if needed > free.len() + unread {
+            let is_reported = said.values().any(|split| shares[split.number()] <= 0.0);
+            if needed > free.len() + unread && !is_reported {
                 let used = shares.iter().filter(|share| **share > 0.0).count();
                 let message = format!("{used} splits but {} different object(s)", contents.len() + unread);
                 let help = "with split_by = \"object\" each split needs an object of its own: add objects, or use split_by = \"sample\"";

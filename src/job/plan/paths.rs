@@ -10,7 +10,7 @@ use glob::Pattern;
 use super::check::JobChecker;
 use crate::layout::Split;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
-use gelsim_files::input::{collect_matching_files, may_be_file, suggest_file_name};
+use gelsim_files::input::{find_matching_files, may_be_file, suggest_file_name};
 use gelsim_files::mesh::{self, Format, HEIGHT_MAP_HELP, is_height_map};
 use gelsim_files::watch;
 
@@ -84,6 +84,9 @@ pub fn find_files(
 ) -> Result<Vec<PathBuf>, usize> {
     // The real number is unknown; this is enough for every split.
     const MANY: usize = Split::ALL.len();
+    if refuse_empty_path(check, place, written, kind) {
+        return Err(1);
+    }
     let folder = check.document.folder_of(place);
     let path = folder.join(written);
     if path.exists() || !is_pattern(written) {
@@ -93,6 +96,7 @@ pub fn find_files(
         let (what, cause) = match () {
             () if path.is_dir() => ("is a folder", "paths are folders"),
             () if path.exists() => ("is a pipe or a device, and no file", "paths are pipes or devices"),
+            () if path.is_symlink() => ("is a link to what does not exist", "paths are links to what does not exist"),
             () => ("does not exist", "files do not exist"),
         };
         // A suggestion means a search through a folder, and nobody reads thousands of them.
@@ -100,7 +104,7 @@ pub fn find_files(
             true => suggest_for_missing(check, place, written, kind),
             false => describe_base_folder(check, place).to_owned(),
         };
-        let shown = path.display().to_string();
+        let shown = show_path(&path);
         report_at(check, place, Diagnostic::new(format!("{shown} {what}")).help(help).about(shown, cause));
         return Err(if path.is_dir() { MANY } else { 1 });
     }
@@ -110,7 +114,7 @@ pub fn find_files(
     }
     // Only what the user wrote is a pattern, but not the folder that it starts from.
     let pattern = Path::new(&Pattern::escape(&folder.to_string_lossy())).join(written);
-    let found = match glob::glob(&pattern.to_string_lossy()).map(collect_matching_files) {
+    let found = match find_matching_files(&pattern.to_string_lossy()) {
         Ok(Ok(found)) => found,
         Ok(Err(error)) => {
             check.report_error(place, error.to_string(), "name folders that can be read");
@@ -130,12 +134,23 @@ pub fn find_files(
     }
     if found.is_empty() {
         let help = suggest_for_missing(check, place, written, kind);
-        let shown = path.display().to_string();
+        let shown = show_path(&path);
         let problem = Diagnostic::new(format!("no file matches {shown}")).help(help);
         report_at(check, place, problem.about(shown, "patterns match no file"));
         return Err(MANY);
     }
     Ok(found)
+}
+
+/// Reports a path without a name, and returns true if it is one.
+pub fn refuse_empty_path(check: &mut JobChecker<'_>, place: &str, written: &str, kind: &FileKind) -> bool {
+    let is_empty = written.trim().is_empty();
+    if is_empty {
+        let FileKind { name, what, .. } = kind;
+        let help = if what.is_empty() { format!("name a {name}") } else { (*what).to_owned() };
+        check.report_error(place, "the path is empty", help);
+    }
+    is_empty
 }
 
 /// Makes a list of folders absolute. Errors are reported at `place`.
@@ -158,6 +173,13 @@ pub fn resolve_folders(check: &mut JobChecker<'_>, place: &str, written: &mut [S
             }
         }
     }
+}
+
+/// Returns a path for a message: a line break in it, which a backslash may have become, is written as such.
+fn show_path(path: &Path) -> String {
+    let shown = path.to_string_lossy();
+    let parts = shown.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.to_string() });
+    parts.collect()
 }
 
 /// Most paths for which a suggestion is made.
@@ -255,6 +277,14 @@ fn suggest_for_foreign_path(written: &str, key: Option<&str>) -> Option<String> 
         let instead =
             expand_variables(written).map_or(String::from("what it stands for"), |path| format!("\"{path}\""));
         return Some(format!("variables are not replaced here: write {instead}"));
+    }
+    let escapes = [('\n', "/n"), ('\t', "/t"), ('\r', "/r"), ('\u{8}', "/b"), ('\u{c}', "/f"), ('\u{1b}', "/e")];
+    if escapes.iter().any(|(escaped, _)| written.contains(*escaped)) {
+        let plain =
+            escapes.iter().fold(written.replace('\\', "/"), |path, (escaped, meant)| path.replace(*escaped, meant));
+        return Some(format!(
+            "a backslash in \"..\" begins an escape, such as \\n for a line break: write \"{plain}\""
+        ));
     }
     if written.contains('\\') {
         return Some(format!("write / between folders: \"{}\"", written.replace('\\', "/")));

@@ -137,7 +137,7 @@ pub fn check_sensor(check: &mut JobChecker<'_>, job: &Job) {
     check.require_in_range("sensor.gelpad_thickness_mm", sensor.gelpad_thickness_mm, 1e-2..=1e3, "mm");
     check.require_in_range("sensor.gelpad_youngs_modulus_kpa", sensor.gelpad_youngs_modulus_kpa, 1e-3..=1e9, "kPa");
     check.require_in_range("sensor.gelpad_poisson_ratio", sensor.gelpad_poisson_ratio, 0.0..=0.4999, "");
-    if let Some(reason) = RelaxationMode::find_error(&sensor.gelpad_relaxation) {
+    for reason in RelaxationMode::find_errors(&sensor.gelpad_relaxation) {
         let help = "for example relaxation = [{ share = 0.2, time_s = 0.5 }] under [gelpad]";
         check.report_error("sensor.gelpad_relaxation", reason, help);
     }

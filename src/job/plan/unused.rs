@@ -89,6 +89,12 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
     for key in [String::from("sensor.window"), String::from("sensor.coat")].into_iter().chain(of_leds) {
         note(&key, is_near, &light, "leave it out, or choose optics = \"led\"");
     }
+    for (i, _) in job.sensor.led.iter().enumerate().filter(|(_, led)| led.position_mm.is_some()) {
+        for key in ["azimuth_deg", "elevation_deg", "distance_mm"] {
+            let key = format!("sensor.led.{i}.{key}");
+            note(&key, false, "`position_mm` says where the LED is", "leave it out, or leave position_mm out");
+        }
+    }
     let is_rendered = job.sensor.background.is_none() && !is_lamps;
     note(
         "sensor.rendered_background",
@@ -110,6 +116,16 @@ pub fn note_unused_keys(job: &Job, document: &Document) -> Vec<Diagnostic> {
         _ => "the gelpad model is not elastic",
     };
     note("sensor.gelpad_relaxation", relaxes, why, "leave it out; pads relax in a [sequence] of one sensor");
+    // What names a sensor alone is for frames of a simulator, or for objects that are pressed one by one.
+    let is_job = document.sources.first().is_none_or(|first| !first.name.starts_with("--"));
+    for key in ["object", "pose", "indentation", "scene", "sequence", "gripper", "sensors"] {
+        note(
+            key,
+            is_job,
+            "it belongs to a job, and there is none: each frame or press says what is pressed",
+            "leave it out",
+        );
+    }
     let has_texture = job.texture.amplitude_mm.support().1 > 0.0;
     note("texture", has_texture, "its amplitude is 0", "add amplitude_mm = [0.01, 0.05]");
     notes

@@ -40,7 +40,7 @@ pub struct StepLabel {
     /// The frame as a press, with `numerics` and `health` of the frame.
     #[serde(flatten)]
     pub press: Label,
-    /// Force and torque of the object on the pad, in view and beyond.
+    /// Force and torque of the object on the pad, in view and up to 1.5 pad thicknesses beyond.
     pub wrench: WrenchLabel,
     /// State of friction.
     pub slip: SlipLabel,
@@ -124,7 +124,7 @@ pub struct FrameLabel {
     pub indentation_depth_mm: f64,
     /// The contact, as far as it is in view.
     pub contact: ContactLabel,
-    /// Force and torque of the object on the pad, in view and beyond.
+    /// Force and torque of the object on the pad, in view and up to 1.5 pad thicknesses beyond.
     pub wrench: WrenchLabel,
     /// State of friction.
     pub slip: SlipLabel,

@@ -15,6 +15,7 @@ use gelsim_core::depth::texture::TexturePlacement;
 use gelsim_core::effects::{Effect, PerEffect};
 use gelsim_core::gelpad::elastic::shear::Friction;
 use gelsim_core::gelpad::sliding::ObjectStep;
+use gelsim_core::impression::Impression;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::simulator::Press;
 use gelsim_files::sensor::quantity::Quantity;
@@ -23,7 +24,7 @@ pub mod label;
 pub mod motion;
 pub(crate) mod timeline;
 
-use label::{FrameLabel, SequenceInfo, SequenceLabel};
+use label::{FrameLabel, PhaseLabel, SequenceInfo, SequenceLabel};
 use motion::{DrawnPhase, ObjectMover, PartOfPhase, PhaseGoal};
 use timeline::{PhaseEnd, Timeline};
 
@@ -215,9 +216,11 @@ pub fn render<E>(
         let impression = simulator.press_next(&press, &steps, &mut sliding);
         let mut clock = ThreadClock::start();
         let mut label = Label::describe(plan, &drawn.scene, &simulator, &impression, None);
-        if let Some(reason) = timeline.failure().filter(|_| label.health.healthy) {
+        let missed =
+            timeline.failure().map(str::to_owned).or_else(|| find_force_beyond(timeline.phase()?, &impression));
+        if let Some(reason) = missed.filter(|_| label.health.healthy) {
             label.health.healthy = false;
-            label.health.reason = reason.to_owned();
+            label.health.reason = reason;
         }
         let seconds = Seconds { label: clock.lap(), ..impression.seconds };
         total.add(&seconds);
@@ -241,6 +244,23 @@ pub fn render<E>(
     let label = SequenceLabel::new(&first, info, labels);
     let summary = label.summary().expect("a sequence has a frame");
     Ok(AcceptedSequence { label, summary, rejected: Vec::new(), seconds: total, effects })
+}
+
+/// Returns why a phase that wants a force is not met, if the object presses with much more than what a sequence computes:
+/// the contact in view and a little beyond.
+fn find_force_beyond(phase: &PhaseLabel, impression: &Impression) -> Option<String> {
+    /// Largest ratio of the force of the entire object to that which is computed.
+    const MOST: f64 = 1.25;
+    let (all_n, computed_n) =
+        (impression.contact.total.total_force_n?, -impression.sliding.as_ref()?.wrench.force_n[2]);
+    let is_beyond = phase.force_n > 0.0 && impression.contact.total.cut_by_view && all_n > MOST * computed_n;
+    is_beyond.then(|| {
+        format!(
+            "phase `{}` wants {:.3} N, but the object presses with {all_n:.3} N, of which {computed_n:.3} N are in view and 1.5 \
+             thicknesses around it, where sequences find their forces",
+            phase.name, phase.force_n
+        )
+    })
 }
 
 /// Makes the press of a frame, with the texture placed on the object as at the start.

@@ -80,6 +80,11 @@ impl<'a> Timeline<'a> {
         self.labels.last().map_or("", |phase| phase.name.as_str())
     }
 
+    /// Returns the phase that the last frame is in.
+    pub fn phase(&self) -> Option<&PhaseLabel> {
+        self.labels.last()
+    }
+
     /// Returns why a force that a phase wants cannot be reached, if so.
     pub fn failure(&self) -> Option<&str> {
         self.failure.as_deref()

@@ -4,6 +4,7 @@
 //! AUGMENT.toml ([`config`]) -> [`recipe`] (resolved, all mistakes found, all choices made) -> `make` (samples) ->
 //! [`output`] (files) and [`report`].
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -100,7 +101,12 @@ pub fn augment(recipe: &Recipe, target: &OutputTarget, watch: &RunMonitor) -> Re
 /// Writes all files of an output into `root`.
 fn write_output(recipe: &Recipe, root: &Path, watch: &RunMonitor) -> Result<Summary, AugmentError> {
     let set = &recipe.set;
-    let labels = LabelWriter { set, trace: recipe.trace.clone(), split: recipe.split_column.clone() };
+    let labels = LabelWriter {
+        set,
+        trace: recipe.trace.clone(),
+        split: recipe.split_column.clone(),
+        class_numbers: number_classes(recipe),
+    };
     let units = OutputLayout::new(set, &recipe.division);
     let maker = SampleMaker::new(recipe, &labels, &units);
     let mut run = AugmentRun {
@@ -127,6 +133,16 @@ fn write_output(recipe: &Recipe, root: &Path, watch: &RunMonitor) -> Result<Summ
     writer.finish().map_err(io)?;
     summary.bytes = writer.bytes;
     Ok(summary)
+}
+
+/// Numbers the classes of an output: those of the real set as its labels do, new ones of the job behind them.
+fn number_classes(recipe: &Recipe) -> BTreeMap<String, u64> {
+    let mut numbers = recipe.set.class_numbers.clone();
+    let first = numbers.values().max().map_or(0, |largest| largest.saturating_add(1));
+    let classes = recipe.mix.iter().flat_map(|mix| &mix.plan.sampling.classes);
+    let new: Vec<String> = classes.filter(|class| !numbers.contains_key(*class)).cloned().collect();
+    numbers.extend(new.into_iter().zip(first..));
+    numbers
 }
 
 /// State of a run.
@@ -188,7 +204,8 @@ impl AugmentRun<'_> {
                 }
             }
         };
-        archive::visit_tar_file(&path, |head| Some(most_member_bytes(head.suffix, &set.label_suffix)), visit)
+        let most_bytes = |head: archive::MemberHead<'_>| Some(most_member_bytes(head.suffix, &set.label_suffix));
+        archive::visit_webdataset_file(&path, most_bytes, visit)
             .map_err(|reason| AugmentError::Sample(format!("{}: {reason}", path.display())))?;
         match stopped {
             Some(stopped) => Err(stopped),

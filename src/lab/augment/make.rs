@@ -288,8 +288,13 @@ impl<'a> SampleMaker<'a> {
                 changes.extend(id.map(|id| ("id", id)));
                 piece.annotations = annotations.iter().map(to_json_line).collect();
             }
-            let key = if set.in_class_folders() && made.is_some() { own } else { trace.source_key.clone() };
-            let trace = Trace { source_key: key, ..trace.clone() };
+            let key = if set.in_class_folders() { own } else { real.key.clone() };
+            let mut trace = trace.clone();
+            if made.is_some() {
+                trace.source_key = key;
+            } else {
+                trace.fill_for_csv(form, &key);
+            }
             piece.row = self.labels.encode_real_label(form, &raw.label, split_name, &changes, &trace);
             match made {
                 None => {

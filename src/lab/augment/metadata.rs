@@ -49,11 +49,15 @@ pub fn resolve_presses(
 ) -> (Vec<Option<PressMetadata>>, Report) {
     let mut problems = Diagnostics::default();
     let mut metadata = vec![None; set.reals.len()];
-    let mut without = Vec::new();
+    let (mut without, mut scaled) = (Vec::new(), Vec::new());
     let mut received = 0;
     for (number, real) in set.reals.iter().enumerate().filter(|(number, _)| receives(*number)) {
         received += 1;
         let facts = &real.facts;
+        if facts.is_scaled {
+            scaled.push(real.key.as_str());
+            continue;
+        }
         let name = facts.object.as_deref().or(facts.class.as_deref());
         let object = name.map(|name| find_object(plan, name));
         if let (Some(name), Some(Err((cause, help)))) = (name, &object) {
@@ -81,14 +85,19 @@ pub fn resolve_presses(
             depth_mm,
         });
     }
+    let no_counterpart = |keys: &[&str], reason: &str| {
+        let first = keys.iter().take(MAX_NAMED).copied().collect::<Vec<_>>().join(", ");
+        let more = if keys.len() > MAX_NAMED { ", .." } else { "" };
+        let count = keys.len();
+        format!("{count} of {received} real samples get no simulated counterpart: {reason} ({first}{more})")
+    };
+    if !scaled.is_empty() && problems.is_empty() {
+        let reason = "their objects are scaled (`object.scale`), and a counterpart shows a mesh as large as its file";
+        let help = "make the dataset without `scale` and `length_mm`, of meshes that are as large as they are to be";
+        notes.push(Diagnostic::note(no_counterpart(&scaled, reason)).help(help));
+    }
     if !without.is_empty() && problems.is_empty() {
-        let (first, more) =
-            (without.iter().take(MAX_NAMED).copied().collect::<Vec<_>>().join(", "), without.len() > MAX_NAMED);
-        let message = format!(
-            "{} of {received} real samples get no simulated counterpart: their labels name no object or no depth ({first}{})",
-            without.len(),
-            if more { ", .." } else { "" }
-        );
+        let message = no_counterpart(&without, "their labels name no object or no depth");
         let object =
             set.columns.column_of(ColumnMeaning::Object).or_else(|| set.columns.column_of(ColumnMeaning::Class));
         let columns: Vec<&str> = object.into_iter().chain(set.columns.column_of(ColumnMeaning::Depth)).collect();

@@ -16,6 +16,7 @@ use super::{make, metadata, photometric, sensor};
 use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::foreign::decode_text;
 use gelsim_files::input as files;
 use gelsim_job::config::document::{Document, MAX_READ_BYTES};
 use gelsim_job::config::{self, ParsedJob};
@@ -63,10 +64,8 @@ impl Recipe {
     pub fn load(path: &Path, set: &[(String, String)]) -> Result<Self, Report> {
         let shown = path.display().to_string();
         let bytes = files::read(path, MAX_READ_BYTES).map_err(|error| report_unreadable(path, &error))?;
-        let text = String::from_utf8(bytes).map_err(|error| {
-            let message = format!("{shown}: not UTF-8 at byte {}", error.utf8_error().valid_up_to());
-            user_error(message, "save it as a text in UTF-8")
-        })?;
+        let text = decode_text(bytes)
+            .map_err(|reason| user_error(format!("cannot read {shown}: {reason}"), "a recipe is a text in UTF-8"))?;
         let mut problems = Diagnostics::default();
         let folder = path.parent().unwrap_or(Path::new(""));
         let merged = config::read_merged::<Augment>(&shown, text.clone(), folder, set, &mut problems);
@@ -241,9 +240,10 @@ fn resolve_recipe(
         set,
     };
     if let (Some(mixing), Some(plan)) = (mixing, plan) {
-        let mut new_classes = Diagnostics::default();
-        synthetic_mix::check_class_folders(&mut check, &recipe.set, &plan, &mut new_classes);
-        recipe.notes = recipe.notes.merged_with(Report::new(&new_classes, &document.sources));
+        let mut of_labels = Diagnostics::default();
+        synthetic_mix::check_class_folders(&mut check, &recipe.set, &plan, &mut of_labels);
+        synthetic_mix::warn_of_unlabelled_samples(&recipe.set, &mut of_labels);
+        recipe.notes = recipe.notes.merged_with(Report::new(&of_labels, &document.sources));
         recipe.notes = recipe.notes.merged_with(plan.notes.clone());
         let without_synthetic = recipe.count_without_synthetic();
         let Recipe { set, division, recipients, .. } = &recipe;

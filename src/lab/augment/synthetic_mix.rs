@@ -11,7 +11,7 @@ use super::config::{Mixing, Toward};
 use super::coverage::{Bins, CoverageCells, PressFeatures};
 use super::input::columns::ColumnMeaning;
 use super::input::folders::FolderKind;
-use super::input::{InputLayout, RealDataset};
+use super::input::{InputLayout, LabelFormat, RealDataset};
 use super::split::Division;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::spelling::join_alternatives;
@@ -29,7 +29,7 @@ const BATCH_SCENES: u64 = 256;
 const MAX_MISSES: u64 = 64;
 /// Number of scenes in a row that a split refuses, after which none is expected to fit.
 const MAX_REFUSED: u64 = 20_000;
-/// Most objects that a message names.
+/// Most objects or columns that a message names.
 const MAX_NAMED: usize = 8;
 
 /// Synthetic samples that were chosen.
@@ -138,6 +138,47 @@ pub fn check_class_folders(check: &mut JobChecker<'_>, set: &RealDataset, plan: 
         );
         notes.push(note.about(class, "classes of the job are new in the set, and become folders").help(help));
     }
+}
+
+/// Warns if new samples get no label because no column of the set is known that a job can fill.
+pub fn warn_of_unlabelled_samples(set: &RealDataset, notes: &mut Diagnostics) {
+    let filled =
+        [ColumnMeaning::Object, ColumnMeaning::Class, ColumnMeaning::Depth, ColumnMeaning::X, ColumnMeaning::Y];
+    if set.in_class_folders() || filled.iter().any(|meaning| set.columns.column_of(*meaning).is_some()) {
+        return;
+    }
+    let columns: Vec<&String> = match set.units.first().map(|unit| &unit.form) {
+        Some(LabelFormat::Csv(names)) => names.iter().collect(),
+        _ => set.example.keys().collect(),
+    };
+    let split = set.columns.column_of(ColumnMeaning::Split);
+    let is_label = |name: &&String| **name != set.image_column && Some(name.as_str()) != split;
+    let columns: Vec<&String> = columns.into_iter().filter(is_label).collect();
+    let is_other = |suffix: &&String| **suffix != set.image_column && **suffix != set.label_suffix;
+    let endings: Vec<&String> = set.suffixes.iter().filter(is_other).collect();
+    let known = "object, class, depth or place";
+    let (reason, help) = match columns.first() {
+        Some(first) => (
+            format!("none of {} is known as {known}", list_names(&columns)),
+            format!("say which one it is, for example with input.columns.class = {first:?}"),
+        ),
+        None if endings.is_empty() => return,
+        None => (
+            format!("no `{}` of the tars tells {known}", set.label_suffix),
+            format!("write the class into KEY.{}, and name its key with input.columns.class", set.label_suffix),
+        ),
+    };
+    let missing = match endings.as_slice() {
+        [] => String::new(),
+        endings => format!(" and no file that ends in {}", list_names(endings)),
+    };
+    notes.push(Diagnostic::warning(format!("new samples get no label{missing}: {reason}")).help(help));
+}
+
+/// Lists names as `a`, `b`; only the first of many.
+fn list_names(names: &[&String]) -> String {
+    let first: Vec<String> = names.iter().take(MAX_NAMED).map(|name| format!("`{name}`")).collect();
+    format!("{}{}", first.join(", "), if names.len() > MAX_NAMED { ", .." } else { "" })
 }
 
 /// Computes the number of synthetic samples for each split that is `receiving`. `without_synthetic` is the number of

@@ -2,6 +2,8 @@
 
 use serde_json::{Map, Value};
 
+use super::input::LabelFormat;
+
 /// Source of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
@@ -35,13 +37,27 @@ impl Source {
 pub struct Trace {
     /// Source of the sample.
     pub source: Source,
-    /// Key of the real sample that it derives from; empty for a synthetic one.
+    /// Key of the real sample that it derives from; for others empty, or in CSV the sample's own name.
     pub source_key: String,
-    /// Values drawn for it, as JSON; empty for a real one.
+    /// Values drawn for it, as JSON; for a real one empty, or in CSV an empty object.
     pub augmentation: String,
 }
 
 impl Trace {
+    /// Fills what is empty if labels are CSV; `own` is the sample's own name. In a split without any text, pandas would
+    /// take the column for numbers, and such splits do not fit those with text.
+    pub fn fill_for_csv(&mut self, form: &LabelFormat, own: &str) {
+        if !matches!(form, LabelFormat::Csv(_)) {
+            return;
+        }
+        if self.source_key.is_empty() {
+            self.source_key = own.to_owned();
+        }
+        if self.augmentation.is_empty() {
+            self.augmentation = String::from("{}");
+        }
+    }
+
     /// Values in the order of [`TraceColumns`].
     pub fn column_values(&self) -> [&str; 3] {
         [self.source.name(), &self.source_key, &self.augmentation]

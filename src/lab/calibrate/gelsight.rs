@@ -19,6 +19,7 @@ use nalgebra::{SMatrix, SVector};
 
 use gelsim_core::optics::lamps::{COEFFICIENTS, FLAT_FIELD_TERMS, LAMP_COUNT, Lamp, PLACE_TERMS};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
+use gelsim_files::foreign::decode_text;
 use gelsim_files::source::{SourceSpan, SourceText};
 use gelsim_files::{input, png};
 
@@ -61,7 +62,7 @@ pub struct FitResidual {
 pub fn import_gelsight_yaml(path: &Path) -> Result<GelsightImport, Report> {
     let shown = path.display().to_string();
     let text = input::read(path, MAX_YAML_BYTES).map_err(|error| error.to_string());
-    let text = text.and_then(|bytes| String::from_utf8(bytes).map_err(|_| String::from("it is not UTF-8")));
+    let text = text.and_then(decode_text);
     let text = text.map_err(|reason| {
         gelsim_files::diagnostic::user_error(
             format!("cannot read {shown}: {reason}"),

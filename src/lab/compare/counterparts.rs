@@ -1,15 +1,18 @@
 //! Explains why no image of one folder has a counterpart in another, and what would give them counterparts.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use super::images::FolderImages;
+use super::images::{FolderImages, TABLE_NAME};
 use crate::presses::PressColumn;
+use gelsim_files::spelling::quote_for_shell;
 
 /// Two folders without a pair of images.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MissingPairs {
-    real: String,
-    sim: String,
+    real: PathBuf,
+    sim: PathBuf,
+    /// The table of real presses, or where one may be written.
+    table: PathBuf,
     real_is: RealSide,
     sim_is: SimSide,
 }
@@ -40,9 +43,14 @@ impl MissingPairs {
     /// Classifies two sides.
     pub fn from_sides([real_path, sim_path]: [&Path; 2], real: &FolderImages, sim: &FolderImages) -> Self {
         let needed = [PressColumn::CentreX, PressColumn::CentreY, PressColumn::Radius, PressColumn::BallRadius];
+        let known = match real {
+            FolderImages::Dataset(_) => None,
+            FolderImages::Sensors(sensors) => sensors.iter().find_map(|sensor| sensor.table.as_ref()),
+        };
+        let table = known.map_or_else(|| real_path.join(TABLE_NAME), |table| table.path.clone());
         let real_is = match real {
             FolderImages::Dataset(_) => RealSide::Dataset,
-            FolderImages::Sensors(sensors) => match sensors.iter().find_map(|sensor| sensor.table.as_ref()) {
+            FolderImages::Sensors(_) => match known {
                 None => RealSide::Images,
                 Some(table) => RealSide::Table(
                     needed.into_iter().filter(|column| !table.has_column(*column)).map(PressColumn::name).collect(),
@@ -54,12 +62,14 @@ impl MissingPairs {
             FolderImages::Dataset(dataset) if dataset.job.sensor.shape.is_some() => SimSide::Shaped,
             FolderImages::Dataset(_) => SimSide::Flat,
         };
-        Self { real: real_path.display().to_string(), sim: sim_path.display().to_string(), real_is, sim_is }
+        Self { real: real_path.to_owned(), sim: sim_path.to_owned(), table, real_is, sim_is }
     }
 
     /// Returns what to do, in sentences.
     pub fn to_advice(&self) -> String {
-        let Self { real, sim, real_is, sim_is } = self;
+        let Self { real, sim, table, real_is, sim_is } = self;
+        let (real, sim, shown) = (quote_for_shell(real), sim.display(), table.display());
+        let table = quote_for_shell(table);
         let by_name = match sim_is {
             SimSide::Images => {
                 format!("To compare image by image, give the images in {sim} the names of their real counterparts.")
@@ -72,7 +82,7 @@ impl MissingPairs {
         let simulate = |needs: &str| {
             format!(
                 "To measure the simulator, simulate the presses of {real}{needs}:\n  gelsim calibrate --evaluate \
-                 {real}/annotations.csv --sensor SENSOR.toml --out SIM\n  gelsim compare {real} SIM"
+                 {table} --sensor SENSOR.toml --out SIM\n  gelsim compare {real} SIM"
             )
         };
         match (real_is, sim_is) {
@@ -82,13 +92,13 @@ impl MissingPairs {
             (_, SimSide::Shaped) => by_name,
             (RealSide::Table(lacking), _) if lacking.is_empty() => simulate(""),
             (RealSide::Table(lacking), _) => {
-                simulate(&format!(", once {real}/annotations.csv has the columns {}", lacking.join(", ")))
+                simulate(&format!(", once {shown} has the columns {}", lacking.join(", ")))
             }
             (RealSide::Images, _) => format!(
                 "{by_name}\n{}",
                 simulate(&format!(
-                    ", once {real}/annotations.csv says for each image the circle and the ball's radius: file,centre_x_px,\
-                     centre_y_px,radius_px,ball_radius_mm"
+                    ", once {shown} says for each image the circle and the ball's radius: file,centre_x_px,centre_y_px,\
+                     radius_px,ball_radius_mm"
                 ))
             ),
         }

@@ -5,11 +5,12 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::calibrate::force::friction::force_ratio;
+use crate::calibrate::force::judge::judge_depths;
 use crate::calibrate::force::motion::{Motion, Motions};
 use crate::calibrate::force::table;
 use crate::text_table::TextTable;
 use gelsim_dataset::encode::to_json_line;
-use gelsim_files::diagnostic::Report;
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, Severity, user_error};
 use gelsim_files::number_format::{format_number, format_percent};
 use gelsim_files::sensor::Sensor;
 
@@ -27,6 +28,9 @@ pub struct ForceComparison {
     pub shear: Option<ForceDifference>,
     /// Rows that are left out because the indenter is lifted there.
     pub rows_left_out: usize,
+    /// What speaks against the figures.
+    #[serde(skip)]
+    pub doubts: Report,
     /// Presses in the order of the table.
     pub presses: Vec<PressComparison>,
 }
@@ -118,6 +122,23 @@ pub fn compare_forces(path: &Path, sensor: &Sensor, zero_mm: f64) -> Result<Forc
     let presses: Vec<PressComparison> =
         motions.motions.iter().map(|motion| compare_press(motion, sensor, zero_mm)).collect();
     let rows = || presses.iter().flat_map(|press| &press.rows);
+    let thickness_mm = sensor.gelpad_thickness_mm;
+    if let Some(through) = motions.motions.iter().find(|motion| motion.deepest_mm(zero_mm) >= thickness_mm) {
+        let (name, depth) = (&through.name, format_number(through.deepest_mm(zero_mm)));
+        let message = format!("press `{name}` is {depth} mm deep in a pad of {} mm", format_number(thickness_mm));
+        let help = "correct depth_mm in the table, --zero-mm, or gelpad_thickness_mm in the sensor file";
+        return Err(user_error(message, help));
+    }
+    if rows().all(|row| row.normal_n[1] == 0.0) {
+        let help = "depth_mm grows into the pad, and is above 0 there; --zero-mm says where the pad begins";
+        return Err(user_error("no row touches the pad", help));
+    }
+    let help = "leave deeper rows out, or correct gelpad_thickness_mm in the sensor file";
+    let mut doubts = Diagnostics::default();
+    doubts.extend(judge_depths(&motions, zero_mm).into_iter().map(|doubt| {
+        let doubt = Diagnostic { severity: Severity::Warning, ..doubt };
+        doubt.help(help)
+    }));
     let none = ForceDifference {
         rows: 0,
         measured_n: 0.0,
@@ -133,6 +154,7 @@ pub fn compare_forces(path: &Path, sensor: &Sensor, zero_mm: f64) -> Result<Forc
         normal: ForceDifference::new(rows().map(|row| row.normal_n)).unwrap_or(none),
         shear: ForceDifference::new(rows().filter_map(|row| row.shear_n)),
         rows_left_out: motions.left_out(),
+        doubts: Report::new(&doubts, &[]),
         presses,
     })
 }

@@ -11,6 +11,7 @@ use image::{ColorType, RgbImage};
 
 use crate::presses::{self, Circle, PressTable};
 use gelsim_dataset::recorded::RecordedDataset;
+use gelsim_dataset::sensor_set::SensorSet;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::image_file;
@@ -18,7 +19,7 @@ use gelsim_files::input;
 use gelsim_files::store::StoreAddress;
 
 /// Name of the table in a sensor's folder.
-const TABLE_NAME: &str = "annotations.csv";
+pub const TABLE_NAME: &str = "annotations.csv";
 
 /// Images in a folder.
 pub enum FolderImages {
@@ -114,7 +115,8 @@ pub fn find_images(root: &Path) -> Result<FolderImages, Report> {
             "name a folder with images, a folder of such folders, or a dataset",
         ));
     }
-    if root.join("job.toml").is_file() && root.join("data").is_dir() {
+    let is_set = SensorSet::find(root).is_ok_and(|set| set.is_some());
+    if is_set || root.join("job.toml").is_file() && root.join("data").is_dir() {
         return RecordedDataset::open(root).map(|dataset| FolderImages::Dataset(Box::new(dataset)));
     }
     if let Some(sensor) = find_sensor(root)? {

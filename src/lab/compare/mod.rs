@@ -15,6 +15,7 @@ use gelsim_dataset::archive::SampleFiles;
 use gelsim_dataset::recorded::RecordedDataset;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::image_file;
+use gelsim_files::spelling::quote_for_shell;
 
 pub mod counterparts;
 pub mod distribution;
@@ -307,7 +308,15 @@ fn tally_dataset(dataset: &RecordedDataset) -> Result<(Tally, u64), Report> {
         };
         let read = dataset.visit_samples(&shard, |head| is_tactile(head.suffix) && counts(head.key), visit);
         let path = || dataset.shard_paths(&shard).data;
-        read.and_then(|()| wrong.map_or(Ok(()), Err)).map_err(|reason| format!("{}: {reason}", path().display()))?;
+        let expected = dataset.layout.sample_indices(shard).filter(|index| index.is_multiple_of(every)).count();
+        let all = |wrong: Option<String>| match wrong {
+            Some(reason) => Err(reason),
+            None if samples < expected as u64 => {
+                Err(format!("{samples} samples are in it, and {expected} belong there"))
+            }
+            None => Ok(()),
+        };
+        read.and_then(|()| all(wrong)).map_err(|reason| format!("{}: {reason}", path().display()))?;
         Ok((sum, samples))
     };
     let tallies: Vec<_> = (0..dataset.layout.shard_count()).into_par_iter().map(shard).collect();
@@ -319,7 +328,8 @@ fn tally_dataset(dataset: &RecordedDataset) -> Result<(Tally, u64), Report> {
                 samples += count;
             }
             Err(reason) => {
-                let help = format!("`gelsim verify {}` names all that is wrong with it", dataset.root.display());
+                let help =
+                    format!("`gelsim verify {}` names all that is wrong with it", quote_for_shell(&dataset.root));
                 return Err(user_error(reason, help));
             }
         }

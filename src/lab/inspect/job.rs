@@ -11,6 +11,7 @@ use super::{Inspection, MeshFacts, inspect_mesh, set};
 use gelsim_core::gelpad::USUAL_DEPTHS;
 use gelsim_core::sensor::Sensor;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, Severity, user_error};
+use gelsim_files::input;
 use gelsim_files::length::{Unit, is_plausible_length};
 use gelsim_files::mesh::{ENDINGS, Format, MeshReadOptions};
 use gelsim_files::number_format::{format_count, format_number};
@@ -64,6 +65,10 @@ pub fn job_for_folder(folder: &Path, preset: &str, file: Option<&Path>) -> Resul
     }
     let pad = SensorPad::from_preset(preset).ok_or_else(|| unreadable(format!("there is no sensor {preset}")))?;
     let (found, _) = set::find_meshes(folder).map_err(|error| unreadable(format!("cannot be read: {error}")))?;
+    if let Some(odd) = found.iter().find(|path| path.to_str().is_none()) {
+        let message = format!("{} is not UTF-8, so that no job can hold it", odd.display());
+        return Err(user_error(message, "rename the file or its folders"));
+    }
     let found: Vec<MeshOfSet> = found.into_iter().filter_map(|path| MeshOfSet::new(folder, path)).collect();
     if found.is_empty() {
         let message = format!("there is no mesh in {shown}");
@@ -327,9 +332,7 @@ fn relative_folder(folder: &Path, file: Option<&Path>) -> Option<String> {
         return folder.to_str().map(str::to_owned);
     }
     let base = file.and_then(Path::parent).unwrap_or(Path::new(""));
-    let [folder, base] =
-        [folder, base].map(|path| std::path::absolute(if path == Path::new("") { Path::new(".") } else { path }));
-    let relative = pathdiff::diff_paths(folder.ok()?, base.ok()?)?;
+    let relative = input::relative_to(folder, base).unwrap_or_else(|_| folder.to_owned());
     relative.to_str().map(str::to_owned)
 }
 

@@ -9,11 +9,12 @@ use glob::Pattern;
 use super::text::to_single_line;
 use super::{Inspection, MeshFacts, severity_name};
 use gelsim_files::diagnostic::{Diagnostics, Report};
-use gelsim_files::input::collect_matching_files;
+use gelsim_files::input::find_matching_files;
 use gelsim_files::length::is_plausible_length;
 use gelsim_files::mesh::Format;
 use gelsim_files::number_format::{format_count, format_number};
 use gelsim_job::inspection::SensorPad;
+use gelsim_job::inspection::findings::FindingKind;
 
 /// Finds the meshes that a path names: those in a folder and its subfolders, those that a pattern matches, else the
 /// path itself. The second value is true for a folder or pattern.
@@ -28,9 +29,8 @@ pub fn find_meshes(path: &Path) -> io::Result<(Vec<PathBuf>, bool)> {
         return Ok((vec![path.to_owned()], false));
     }
     let pattern = if is_pattern { text.into_owned() } else { format!("{}/**/*", Pattern::escape(&text)) };
-    let mut found = collect_matching_files(
-        glob::glob(&pattern).map_err(|error| io::Error::other(format!("{pattern}: {}", error.msg)))?,
-    )?;
+    let mut found =
+        find_matching_files(&pattern).map_err(|error| io::Error::other(format!("{pattern}: {}", error.msg)))??;
     if !is_pattern {
         found.retain(|path| Format::from_path(path).is_some());
     }
@@ -48,7 +48,11 @@ pub fn to_text_table(meshes: &[Inspection], pad: &SensorPad) -> String {
             Some(facts) => size_cells(facts, pad),
             None => [const { String::new() }; 4].map(|_| String::from("-")),
         };
-        let worst = findings.first().map_or(String::new(), |finding| format!(": {}", finding.kind.short_text()));
+        let worst = findings.first().map_or(String::new(), |finding| match finding.kind {
+            // Why is not the same for all.
+            FindingKind::Unreadable => format!(": {}", to_single_line(&finding.message)),
+            kind => format!(": {}", kind.short_text()),
+        });
         let (name, file) = (severity_name(*severity), to_single_line(file));
         let _ = writeln!(text, "{name:<8} {size:>22} {triangles:>9} {closed:<6} {unit:<4} {file}{worst}");
     }

@@ -9,7 +9,7 @@ use image::{ImageFormat, RgbImage};
 use serde_json::{Value, json};
 
 use super::{in_tars, label, rows, sources};
-use crate::support::Folder;
+use crate::support::{Folder, edited, members};
 
 pub const RECIPE: &str = "seed = 7\n[input]\npath = \"real\"\n[[photometric]]\ncopies = 2\nexposure_ev = [-0.5, 0.5]\nsplits = [\"train\"]\n";
 
@@ -32,6 +32,23 @@ pub fn write(folder: &Folder, files: &[(&str, Vec<u8>)]) {
 
 pub fn png(number: u8) -> Vec<u8> {
     picture(number, ImageFormat::Png)
+}
+
+/// Writes a tar below `real`. Names that end in `/` are folders.
+pub fn pack(folder: &Folder, tar: &str, files: &[(&str, Vec<u8>)]) {
+    fs::create_dir_all(folder.path("real")).expect("a folder");
+    let mut builder = tar::Builder::new(fs::File::create(folder.path("real").join(tar)).expect("a file"));
+    for (name, bytes) in files {
+        let kind = if name.ends_with('/') { tar::EntryType::Directory } else { tar::EntryType::Regular };
+        let mut header = tar::Header::new_gnu();
+        // The crate would leave a `./` out.
+        header.as_gnu_mut().expect("GNU's").name[..name.len()].copy_from_slice(name.as_bytes());
+        header.set_entry_type(kind);
+        header.set_size(bytes.len() as u64);
+        header.set_cksum();
+        builder.append(&header, bytes.as_slice()).expect("written");
+    }
+    builder.finish().expect("written");
 }
 
 /// The recipe without splits.
@@ -613,4 +630,124 @@ fn what_is_no_picture_or_damaged_is_said_once_in_plain_words_with_the_first_plac
         "{said}"
     );
     assert!(!said.contains("Crc") && !said.contains('{'), "{said}");
+}
+
+#[test]
+fn tars_have_samples_in_folders_whatever_dots_are_in_their_names() {
+    for (prefix, key) in [("./", ""), ("v1.0/", "v1.0/"), ("./v1.0/", "v1.0/"), ("a/.x/", "a/.x/")] {
+        let folder = Folder::new();
+        // What `tar -C folder -cf train.tar .` writes, on a Mac with one more file for each.
+        let names = ["", "._000.png", "000.png", "000.json"].map(|name| format!("{prefix}{name}"));
+        let contents = [Vec::new(), b"x".to_vec(), png(0), br#"{"class":"cube"}"#.to_vec()];
+        let files: Vec<(&str, Vec<u8>)> = names.iter().map(String::as_str).zip(contents).collect();
+        pack(&folder, "train.tar", &files);
+        folder.write("augment.toml", undivided());
+        folder.succeed("augment augment.toml --out larger --quiet");
+        let written: Vec<String> =
+            members(&folder.path("larger/train.tar")).into_iter().map(|member| member.name).collect();
+        let expected = ["", "-photometric-0-0", "-photometric-0-1"]
+            .iter()
+            .flat_map(|tag| ["png", "json"].map(|end| format!("{key}000{tag}.{end}")));
+        assert_eq!(written, expected.collect::<Vec<String>>(), "{prefix}");
+    }
+}
+
+#[test]
+fn new_samples_have_the_class_numbers_of_the_set_and_keys_of_their_own() {
+    for folder in [super::with_tars(), super::with_folders()] {
+        // In a dataset of this job, the classes would be 0 (anvil) and 1 (cube).
+        folder.write("new.toml", edited(super::JOB, &[("class = \"pointed\"", "class = \"anvil\"")]));
+        folder.write("augment.toml", edited(super::RECIPE, &[("\"real\"", "\"out/real\"")]));
+        folder.succeed("augment augment.toml --out larger --quiet");
+        let mut labels: Vec<Value> =
+            in_tars(&folder, "larger").values().map(|(_, files)| Value::Object(label(files))).collect();
+        for (_, rows) in folder.files("larger").iter().filter(|(name, _)| name.ends_with("metadata.jsonl")) {
+            let rows = String::from_utf8_lossy(rows);
+            labels.extend(rows.lines().map(|row| serde_json::from_str::<Value>(row).expect("JSON")));
+        }
+        let (mut classes, mut keys) = (BTreeSet::new(), BTreeSet::new());
+        for label in &labels {
+            let objects = label["objects"].as_array().into_iter().flatten().chain([&label["object"]]);
+            for object in objects {
+                let class = object["class"].as_str().expect("text");
+                let number = ["cube", "pointed", "anvil"].iter().position(|known| *known == class).expect("known");
+                assert_eq!(object["class_index"], number as u64, "{label}");
+                classes.insert(class);
+            }
+            if label["source"] == "real" || label["source"] == "synthetic" {
+                assert!(keys.insert(label["key"].as_str().expect("text")), "{label}");
+            }
+        }
+        assert_eq!((classes.len(), keys.len()), (3, 24 + 9));
+    }
+}
+
+#[test]
+fn the_columns_of_an_imagefolder_in_csv_are_text_in_every_split() {
+    let folder = Folder::new();
+    for split in ["train", "test"] {
+        let table = b"file_name,class\n0.png,cube\n".to_vec();
+        write(&folder, &[(&format!("{split}/0.png"), png(0)), (&format!("{split}/metadata.csv"), table)]);
+    }
+    folder.write("new.toml", super::JOB);
+    folder.write("augment.toml", format!("{RECIPE}[mixing]\njob = \"new.toml\"\n"));
+    folder.succeed("augment augment.toml --out larger --quiet");
+    for (split, count) in [("train", 4), ("test", 1)] {
+        let rows = rows(&folder.read(&format!("larger/{split}/metadata.csv")));
+        assert_eq!(rows.len(), count);
+        for row in rows {
+            let real = format!("{split}/0.png");
+            let key = if row["source"] == "synthetic" { &row["file_name"] } else { &real };
+            assert_eq!(row["source_key"], *key, "{row:?}");
+            assert_eq!(row["augmentation"] == "{}", row["source"] == "real", "{row:?}");
+            serde_json::from_str::<Value>(&row["augmentation"]).expect("JSON");
+        }
+    }
+}
+
+#[test]
+fn images_that_are_stored_turned_are_told() {
+    let jpeg = picture(1, ImageFormat::Jpeg);
+    // EXIF with one entry: the orientation 6.
+    let exif = b"\xff\xe1\0\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+    let turned = [&jpeg[..2], exif, &jpeg[2..]].concat();
+    let folder = Folder::new();
+    write(&folder, &[("ball/0.jpg", turned.clone()), ("ball/1.jpg", jpeg)]);
+    folder.write("augment.toml", undivided());
+    let said = folder.succeed("augment augment.toml --out larger");
+    assert!(said.contains("warning: ball/0.jpg is stored turned (EXIF orientation 6)"), "{said}");
+    assert!(said.contains("mogrify -auto-orient") && !said.contains("1.jpg"), "{said}");
+    let folder = Folder::new();
+    pack(&folder, "train.tar", &[("0.jpg", turned)]);
+    folder.write("augment.toml", undivided());
+    let said = folder.succeed("augment augment.toml --out larger");
+    assert!(said.contains("train.tar: 0 is stored turned (EXIF orientation 6)"), "{said}");
+}
+
+#[test]
+fn new_samples_without_a_label_are_told_with_the_columns_that_may_be_one() {
+    let recipe = "[input]\npath = \"real\"\n[mixing]\njob = \"new.toml\"\n";
+    let folder = Folder::new();
+    folder.write("new.toml", super::JOB);
+    folder.write("augment.toml", recipe);
+    write(&folder, &[("0.png", png(0)), ("labels.csv", b"file,split,cls\n0.png,train,a\n".to_vec())]);
+    let said = folder.succeed("augment augment.toml --out larger");
+    assert!(said.contains("warning: new samples get no label: none of `cls` is known as object, class,"), "{said}");
+    assert!(said.contains("input.columns.class = \"cls\""), "{said}");
+    let said = folder.succeed("augment augment.toml --out named --set input.columns.class=\"cls\"");
+    assert!(!said.contains("warning: new samples"), "{said}");
+
+    let folder = Folder::new();
+    folder.write("new.toml", super::JOB);
+    folder.write("augment.toml", recipe);
+    pack(&folder, "train.tar", &[("0.png", png(0)), ("0.cls", b"1".to_vec())]);
+    let said = folder.succeed("augment augment.toml --out larger");
+    assert!(said.contains("warning: new samples get no label and no file that ends in `cls`: no `json`"), "{said}");
+    // Images alone have no label that could be missing.
+    let folder = Folder::new();
+    folder.write("new.toml", super::JOB);
+    folder.write("augment.toml", recipe);
+    write(&folder, &[("0.png", png(0)), ("1.png", png(1))]);
+    let said = folder.succeed("augment augment.toml --out larger");
+    assert!(!said.contains("warning: new samples"), "{said}");
 }

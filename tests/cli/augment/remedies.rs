@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::layouts::{png, undivided, write};
+use super::layouts::{pack, png, undivided, write};
 use super::{rows, with_table};
 use crate::support::{Folder, edited};
 
@@ -43,7 +43,7 @@ fn a_quote_that_nothing_closes_and_bytes_that_are_no_text_are_refused_with_their
     let folder = small("");
     let utf16: Vec<u8> = "\u{feff}file\n0.png\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
     for (bytes, part) in [
-        (utf16, "the table is not UTF-8"),
+        (utf16, "UTF-16 text"),
         (b"file,who\n0.png,Andr\xe9\n".to_vec(), "labels.csv:2:11"),
         (Vec::new(), "the table is empty"),
         (b"file\n".to_vec(), "no row follows the names of the columns"),
@@ -216,7 +216,7 @@ fn the_file_itself_is_found_by_a_name_like_it() {
         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
     }
     folder.write("augment.toml", b"seed = 1 # caf\xe9\n");
-    refused(&folder, &["not UTF-8 at byte 14", "save it as a text in UTF-8"]);
+    refused(&folder, &["it is not UTF-8 at line ", "a recipe is a text in UTF-8"]);
 }
 
 #[test]
@@ -381,5 +381,82 @@ fn pictures_of_the_pad_that_cannot_be_read_are_named_with_what_is_read() {
             undivided().replace("path = \"real\"", &format!("path = \"real\"\nbackground = \"{name}\"")),
         );
         folder.succeed("augment augment.toml --out larger --quiet --overwrite");
+    }
+}
+
+#[test]
+fn numbers_that_only_python_writes_are_named_in_labels_of_every_layout() {
+    let remedy = "write null in its place (Python: json.dumps(.., allow_nan=False) finds them)";
+    let folder = small("");
+    fs::remove_file(folder.path("real/labels.csv")).expect("a file");
+    let rows = "{\"file\":\"0.png\",\"d\":NaN}\n{\"file\":\"1.png\",\"d\":0.5}\n";
+    write(&folder, &[("labels.jsonl", rows.into())]);
+    refused(&folder, &["`NaN` is no JSON", "labels.jsonl:1:21", remedy]);
+    write(&folder, &[("labels.jsonl", rows.replace("0.5", "-Infinity").into())]);
+    refused(&folder, &["2 labels have a number that is no JSON (`NaN` or `Infinity`): line 1, line 2", remedy]);
+    write(&folder, &[("labels.jsonl", rows.replace("NaN", "null").into())]);
+    folder.succeed("augment augment.toml --out larger --quiet");
+
+    fs::remove_file(folder.path("real/labels.jsonl")).expect("a file");
+    let coco = "{\"images\":[{\"id\":1,\"file_name\":\"0.png\"}],\n\"annotations\":[{\"id\":1,\"image_id\":1,\"bbox\":[NaN,0]}]}";
+    write(&folder, &[("annotations.json", coco.into())]);
+    refused(&folder, &["annotations.json: `NaN` is no JSON (line 2, column ", remedy]);
+
+    let folder = Folder::new();
+    folder.write("augment.toml", undivided());
+    pack(&folder, "a.tar", &[("0.png", png(0)), ("0.json", b"{\"d\": -Infinity}".to_vec())]);
+    refused(&folder, &["a.tar: 0: json: `-Infinity` is no JSON", remedy]);
+}
+
+#[test]
+fn tars_of_sequences_and_grips_are_refused_with_the_container_that_is_read() {
+    let folder = Folder::new();
+    folder.write("augment.toml", undivided());
+    for (keys, several) in [
+        ("\"sequence\":{}", "sequences"),
+        ("\"left\":{}", "grips"),
+        ("\"sequence\":{},\"left\":{}", "sequences of grips"),
+    ] {
+        let label = format!("{{\"generator\":\"gelsim 0.3.0\",{keys}}}");
+        pack(
+            &folder,
+            "a.tar",
+            &[("0.f0000.tactile.png", png(0)), ("0.f0001.tactile.png", png(1)), ("0.json", label.into())],
+        );
+        for key in ["", " --set input.image=\"f0000.tactile.png\""] {
+            let said = folder.fail(&format!("augment augment.toml --out larger{key}"), 2);
+            assert!(said.contains(&format!("a.tar holds {several}, and augment takes single images")), "{said}");
+            assert!(said.contains("container = \"folder\"") && !said.contains("f0001"), "{said}");
+        }
+    }
+    // Of many pictures of others, only the first are named.
+    let names: Vec<String> = (0..12).map(|k| format!("0.p{k}.png")).collect();
+    let files: Vec<(&str, Vec<u8>)> = names.iter().map(|name| (name.as_str(), png(0))).collect();
+    pack(&folder, "a.tar", &files);
+    let said = refused(&folder, &["image = \"p0.png\" (`p0.png`, ", "or `p7.png`)"]);
+    assert!(!said.contains("p8.png"), "{said}");
+}
+
+#[test]
+fn samples_of_scaled_objects_get_no_counterpart_and_it_is_said_why() {
+    let folder = super::with_folders();
+    let table = "out/real/data/train-000000/metadata.jsonl";
+    let text = folder.read(table);
+    assert!(text.contains("\"scale\":1.0"), "{text}");
+    folder.write(table, text.replace("\"scale\":1.0", "\"scale\":0.5"));
+    let objects = "[[object]]\npath = \"cube.obj\"\n[[object]]\npath = \"cone.obj\"\nclass = \"pointed\"\n";
+    folder.write(
+        "augment.toml",
+        format!(
+            "[input]\npath = \"out/real\"\nbackground = \"rendered\"\n{}{objects}[paired]\nmax_offset_px = 0\n",
+            super::leds()
+        ),
+    );
+    let said = folder.succeed("augment augment.toml --out larger");
+    for part in [
+        "note: 6 of 18 real samples get no simulated counterpart: their objects are scaled (`object.scale`)",
+        "train: 18 real, 12 twin",
+    ] {
+        assert!(said.contains(part), "{part}\n{said}");
     }
 }

@@ -232,6 +232,21 @@ impl FrictionHistory {
         }
     }
 
+    /// Returns the state of the pad at a point of the frame that is in contact. Pixels of the tractions are coarser than
+    /// those of the camera: at the rim it is that of the pixels beside, of which one that sticks holds the point.
+    pub fn state_near(&self, place_mm: [f64; 2]) -> StickSlip {
+        let itself = self.state_at(place_mm);
+        let Some(contact) = self.contact.as_ref().filter(|_| itself == StickSlip::Apart) else { return itself };
+        let [dx, dy] = contact.grid.mm_per_px;
+        let steps = [-1.0, 0.0, 1.0];
+        let beside =
+            |dy_px: f64| steps.map(|dx_px| self.state_at([place_mm[0] + dx_px * dx, place_mm[1] + dy_px * dy]));
+        match steps.map(beside).as_flattened().contains(&StickSlip::Sticks) {
+            true => StickSlip::Sticks,
+            false => StickSlip::Slips,
+        }
+    }
+
     /// Returns the displacement into the pad by the tractions, mm, over the contact and some thicknesses around it, and
     /// the position of its first pixel in the frame. `None` without tractions.
     pub fn normal_displacement(&mut self) -> Option<(Grid<f32>, [f64; 2])> {

@@ -38,22 +38,25 @@ pub struct RelaxationMode {
 
 impl RelaxationMode {
     /// Returns what is wrong with the modes of a pad, if anything.
-    pub fn find_error(modes: &[Self]) -> Option<String> {
+    pub fn find_errors(modes: &[Self]) -> Vec<String> {
         if modes.len() > MOST_MODES {
-            return Some(format!("there are {} modes, and at most {MOST_MODES} are possible", modes.len()));
+            return vec![format!("there are {} modes, and at most {MOST_MODES} are possible", modes.len())];
         }
+        let mut errors = Vec::new();
         for (number, mode) in modes.iter().enumerate() {
             if mode.share.is_nan() || mode.share <= 0.0 || mode.share >= 1.0 {
-                return Some(format!("the share of mode {} is {}: it is above 0 and below 1", number + 1, mode.share));
+                errors.push(format!("the share of mode {} is {}: it is above 0 and below 1", number + 1, mode.share));
             }
             if !(1e-4..=1e6).contains(&mode.time_s) {
                 let given = mode.time_s;
-                return Some(format!("the time of mode {} is {given} s: it is 0.0001 to 1000000 s", number + 1));
+                errors.push(format!("the time of mode {} is {given} s: it is 0.0001 to 1000000 s", number + 1));
             }
         }
         let lost: f64 = modes.iter().map(|mode| mode.share).sum();
-        (lost >= MOST_LOST)
-            .then(|| format!("the shares add up to {lost}: more than {MOST_LOST} of the stiffness is lost"))
+        if lost >= MOST_LOST {
+            errors.push(format!("the shares add up to {lost}: more than {MOST_LOST} of the stiffness is lost"));
+        }
+        errors
     }
 
     /// Returns the share of its first stress that a pad still has after a time under a shape that is held.

@@ -106,11 +106,11 @@ pub(super) struct Buffer {
 pub(super) fn parse(bytes: &[u8]) -> Result<(Document, Option<&[u8]>), MeshFileError> {
     let (json, binary) = match bytes.strip_prefix(b"glTF") {
         Some(rest) => split_chunks(rest)?,
-        None => (bytes, None),
+        None => (bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), None),
     };
     let document = serde_json::from_slice(json).map_err(|error| {
         let message = format!("is not glTF: {}", error.to_string().replace(char::is_control, " "));
-        let line = (json.len() == bytes.len()).then(|| error.line());
+        let line = (!bytes.starts_with(b"glTF")).then(|| error.line());
         MeshFileError { path: None, line, problem: MeshFileProblem::Malformed(message) }
     })?;
     Ok((document, binary))

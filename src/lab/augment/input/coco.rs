@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 use super::columns::{LabelFacts, SourceLabel};
 use super::names::is_split;
 use super::table::{MAX_BYTES, find_image_column, resolve_columns};
-use super::{DatasetDraft, RealSample, images};
+use super::{DatasetDraft, RealSample, images, json};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::image_file;
 use gelsim_files::input;
@@ -86,10 +86,13 @@ pub fn find_annotation_files(root: &Path, jsons: Vec<PathBuf>) -> Vec<PathBuf> {
         ["coco", "annotation", "instances"].iter().any(|word| name.contains(word))
     };
     let few = jsons.len() <= MAX_FILES;
+    // With a number that JSON does not have, what the lists hold is not known, so the name decides.
+    let holds_lists = |file: &Path, bytes: &[u8]| match serde_json::from_slice::<Lists>(bytes) {
+        Ok(_) => true,
+        Err(error) => named_so(file) && json::find_non_number(bytes, &error).is_some(),
+    };
     let is_coco = |file: &PathBuf| {
-        (few || named_so(file))
-            && input::read(&root.join(file), MAX_BYTES)
-                .is_ok_and(|bytes| serde_json::from_slice::<Lists>(&bytes).is_ok())
+        (few || named_so(file)) && input::read(&root.join(file), MAX_BYTES).is_ok_and(|bytes| holds_lists(file, &bytes))
     };
     jsons.into_par_iter().filter(is_coco).collect()
 }
@@ -216,7 +219,13 @@ fn read_json_object(path: &Path) -> Result<Map<String, Value>, (String, String)>
     match serde_json::from_slice(bytes) {
         Ok(Value::Object(object)) => Ok(object),
         Ok(_) => Ok(Map::new()),
-        Err(error) => Err((format!("no JSON: {error}"), String::from("fix it there, or export the annotations again"))),
+        Err(error) => Err(match json::find_non_number(bytes, &error) {
+            Some(number) => (
+                format!("{} (line {}, column {})", json::non_number_message(number), error.line(), error.column()),
+                String::from(json::NON_NUMBER_HELP),
+            ),
+            None => (format!("no JSON: {error}"), String::from("fix it there, or export the annotations again")),
+        }),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The meaning of a real dataset's columns, and the facts that a label states about its sample.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use csv::StringRecord;
 use serde_json::{Map, Value};
@@ -340,6 +340,21 @@ pub fn is_own_label(label: &Map<String, Value>) -> bool {
     label.get("generator").and_then(Value::as_str).is_some_and(|made_by| made_by.starts_with("gelsim "))
 }
 
+/// Adds the numbers of the classes that a label of gelsim names. The first number of a class stays.
+pub fn note_class_numbers(numbers: &mut BTreeMap<String, u64>, label: &Map<String, Value>) {
+    if !is_own_label(label) {
+        return;
+    }
+    let others = label.get("objects").and_then(Value::as_array).into_iter().flatten();
+    for object in label.get("object").into_iter().chain(others) {
+        let class = object.get("class").and_then(Value::as_str);
+        let number = object.get("class_index").and_then(Value::as_u64);
+        if let (Some(class), Some(number)) = (class, number.filter(|number| *number <= u64::from(u32::MAX))) {
+            numbers.entry(class.to_owned()).or_insert(number);
+        }
+    }
+}
+
 /// Returns the value at a dotted path. A key that contains the dots itself comes first.
 pub fn lookup<'a>(map: &'a Map<String, Value>, path: &str) -> Option<&'a Value> {
     if let Some(value) = map.get(path) {
@@ -408,6 +423,8 @@ pub struct LabelFacts {
     pub tilt_azimuth_deg: Option<f64>,
     /// Rotation from the object's axes to the sensor's as a quaternion x, y, z, w, not 0; replaces the angles.
     pub quaternion_xyzw: Option<[f64; 4]>,
+    /// Whether gelsim pressed the object in another size than that of its mesh.
+    pub is_scaled: bool,
 }
 
 impl LabelFacts {
@@ -440,6 +457,7 @@ impl LabelFacts {
                 [Some(x), Some(y), Some(z), Some(w)] if [x, y, z, w] != [0.0; 4] => Some([x, y, z, w]),
                 _ => None,
             },
+            is_scaled: label.is_own_label() && matches!(label.number("object.scale"), Ok(Some(scale)) if scale != 1.0),
         };
         let column = ColumnMeaning::QUATERNION.into_iter().find_map(|meaning| columns.column_of(meaning));
         if let Some(column) = column.filter(|_| facts.quaternion_xyzw.is_none() && parts.iter().any(Option::is_some)) {

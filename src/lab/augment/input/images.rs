@@ -4,7 +4,10 @@
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
-use super::{DatasetDraft, InputLayout, RealSample};
+use rayon::prelude::*;
+
+use super::{DatasetDraft, InputLayout, RealSample, exif};
+use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::image_file::{FORMAT_NAMES, has_image_extension};
 use gelsim_files::input::suggest_file_name;
 use gelsim_job::plan::check::JobChecker;
@@ -73,6 +76,25 @@ pub(super) fn find_image_folder(check: &mut JobChecker<'_>, draft: &DatasetDraft
         check.report_error("input.images", format!("no folder {written} is in {}", draft.root.display()), help);
     }
     found
+}
+
+/// Warns of each image file that is stored turned.
+pub(super) fn warn_of_turned_files(draft: &mut DatasetDraft<'_>) {
+    let root = draft.root;
+    let turns: Vec<Option<u16>> =
+        draft.reals.par_iter().map(|real| exif::find_turn_of_file(&root.join(&real.path))).collect();
+    for (real, turn) in draft.reals.iter().zip(turns) {
+        draft.notes.extend(turn.map(|turn| warn_of_turn(&real.key, turn)));
+    }
+}
+
+/// Warns of an image that is stored turned: copies of it are PNG, which do not say so.
+pub(super) fn warn_of_turn(image: &str, turn: u16) -> Diagnostic {
+    Diagnostic::warning(format!(
+        "{image} is stored turned (EXIF orientation {turn}), and copies of it are not turned back"
+    ))
+    .about(image, "images are stored turned (EXIF orientation), and copies of them are not turned back")
+    .help("save it upright, for example with `mogrify -auto-orient`")
 }
 
 /// Why an image cannot be used.

@@ -4,7 +4,7 @@
 //! A *unit* holds labels: a table (CSV or JSON Lines), COCO annotations, or a tar. For images in a folder per class, it
 //! is the table that the folders make.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
@@ -17,9 +17,11 @@ use gelsim_job::plan::check::JobChecker;
 
 pub mod coco;
 pub mod columns;
+mod exif;
 mod find;
 pub mod folders;
 pub mod images;
+mod json;
 mod names;
 pub mod table;
 mod tars;
@@ -63,6 +65,8 @@ pub struct RealDataset {
     pub columns: ColumnMap,
     /// A label of the set, for its keys, if labels are JSON. A CSV table has a header instead.
     pub example: serde_json::Map<String, serde_json::Value>,
+    /// Number of each class, as labels of gelsim tell it.
+    pub class_numbers: BTreeMap<String, u64>,
     /// Text of each unit that is a table, in their order, for messages and for what is passed through.
     pub sources: Vec<SourceText>,
     /// Suffixes that every sample in a tar has.
@@ -198,7 +202,7 @@ impl RealDataset {
         let wanted = |head: MemberHead<'_>| {
             (head.key == real.image && head.suffix == self.image_column).then_some(MAX_MEMBER_BYTES)
         };
-        archive::visit_tar_file(&unit, wanted, |files| {
+        archive::visit_webdataset_file(&unit, wanted, |files| {
             if files.key == real.image {
                 found = files.members.into_iter().next().map(|(_, bytes)| bytes);
                 ControlFlow::Break(())
@@ -239,6 +243,7 @@ struct DatasetDraft<'a> {
     label_suffix: String,
     columns: Option<ColumnMap>,
     example: serde_json::Map<String, serde_json::Value>,
+    class_numbers: BTreeMap<String, u64>,
     suffixes: Vec<String>,
     annotations: Vec<CocoAnnotations>,
     /// Images that COCO annotations name.
@@ -272,6 +277,7 @@ pub fn read(
         label_suffix: written.labels.clone().unwrap_or_else(|| String::from("json")),
         columns: None,
         example: serde_json::Map::new(),
+        class_numbers: BTreeMap::new(),
         suffixes: Vec::new(),
         annotations: Vec::new(),
         paths: HashSet::new(),
@@ -302,6 +308,9 @@ pub fn read(
         }
     }
     qualify_keys(&mut draft);
+    if layout != InputLayout::Tars {
+        images::warn_of_turned_files(&mut draft);
+    }
     let size = find_common_image_size(&mut draft);
     let DatasetDraft {
         units,
@@ -312,6 +321,7 @@ pub fn read(
         label_suffix: label,
         columns,
         example,
+        class_numbers,
         suffixes,
         problems: found,
         ..
@@ -348,6 +358,7 @@ pub fn read(
         label_suffix: label,
         columns,
         example,
+        class_numbers,
         sources,
         suffixes,
         annotations,

@@ -7,8 +7,8 @@ use csv::StringRecord;
 use rayon::prelude::*;
 use serde_json::{Map, Value};
 
-use super::columns::{ColumnMap, LabelFacts, SourceLabel, TableHeader};
-use super::{DatasetDraft, LabelFormat, MAX_LABEL_BYTES, RealSample, images};
+use super::columns::{ColumnMap, LabelFacts, SourceLabel, TableHeader, note_class_numbers};
+use super::{DatasetDraft, LabelFormat, MAX_LABEL_BYTES, RealSample, images, json};
 use gelsim_files::csv_table;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::foreign;
@@ -334,11 +334,18 @@ fn read_json_rows(
             Ok(map) => map,
             Err(error) => {
                 let at = from + error.column().saturating_sub(1).min(line.len());
+                let place = SourceSpan { source: unit, start: at, end: at };
+                let shown = format!("line {}", number + 1);
+                if let Some(number) = json::find_non_number(line.as_bytes(), &error) {
+                    let problem = Diagnostic::new(json::non_number_message(number)).at(place);
+                    let problem = problem.about(shown, json::NON_NUMBER_CAUSE).help(json::NON_NUMBER_HELP);
+                    draft.problems.push(problem);
+                    continue;
+                }
                 let reason = error.to_string();
                 let reason = reason.split(" at line ").next().unwrap_or_default();
-                let problem = Diagnostic::new(format!("no JSON object: {reason}"));
-                let problem = problem.at(SourceSpan { source: unit, start: at, end: at });
-                let problem = problem.about(format!("line {}", number + 1), "lines are no JSON objects");
+                let problem = Diagnostic::new(format!("no JSON object: {reason}")).at(place);
+                let problem = problem.about(shown, "lines are no JSON objects");
                 let help = if text.trim_start().starts_with('[') {
                     "write each object on a line of its own, without [ ] around all and commas between them"
                 } else {
@@ -355,6 +362,7 @@ fn read_json_rows(
         let (facts, split) = LabelFacts::read(&columns, &label, |mistake| {
             draft.problems.push(mistake.into_diagnostic(&image, "null").at(place_of_row(unit, text, from)));
         });
+        note_class_numbers(&mut draft.class_numbers, &map);
         if draft.example.is_empty() {
             draft.example = map;
         }

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::columns::{ColumnMap, LabelFacts, SourceLabel};
-use super::{DatasetDraft, RealSample, most_member_bytes};
+use super::columns::{self, ColumnMap, LabelFacts, SourceLabel};
+use super::{DatasetDraft, RealSample, exif, images, json, most_member_bytes};
 use gelsim_dataset::archive::{self, MemberHead, SampleFiles};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::image_file;
@@ -17,6 +17,8 @@ use gelsim_job::plan::check::JobChecker;
 
 /// Usual suffixes of images, without the ending of their format.
 const IMAGE_SUFFIXES: [&str; 4] = ["tactile", "image", "", "rgb"];
+/// Most suffixes that a message names.
+const MAX_NAMED: usize = 8;
 
 /// Reads the tar of unit `unit` of a draft: labels, and the sizes of the images. `None` after a mistake that leaves
 /// nothing more to check.
@@ -30,7 +32,7 @@ pub(super) fn read(check: &mut JobChecker<'_>, draft: &mut DatasetDraft<'_>, uni
     // Suffixes of all files of the current sample, also of those that are not read.
     let suffixes = RefCell::new(Vec::new());
     let mut keys = HashSet::new();
-    let read = archive::visit_tar_file(
+    let read = archive::visit_webdataset_file(
         &path,
         |head| {
             suffixes.borrow_mut().push(head.suffix.to_owned());
@@ -52,7 +54,7 @@ pub(super) fn read(check: &mut JobChecker<'_>, draft: &mut DatasetDraft<'_>, uni
 
 /// Returns true for the suffix of a picture.
 fn is_image(suffix: &str) -> bool {
-    image_file::has_image_extension(&Path::new("KEY").with_extension(suffix))
+    image_file::has_image_extension(Path::new(&format!("KEY.{suffix}")))
 }
 
 /// Finds the suffix of the image among those of a sample: a usual one, or the only picture.
@@ -61,6 +63,17 @@ fn find_image_suffix(suffixes: &[String]) -> Option<String> {
     let stem = |suffix: &str| suffix.rsplit_once('.').map_or(String::new(), |(stem, _)| stem.to_owned());
     let usual = IMAGE_SUFFIXES.into_iter().find_map(|usual| images.iter().find(|suffix| stem(suffix) == usual));
     usual.copied().or_else(|| (images.len() == 1).then(|| images[0])).cloned()
+}
+
+/// Returns what the samples are of which gelsim wrote this label, if they have several images.
+fn name_several_images(label: &Map<String, Value>) -> Option<&'static str> {
+    let has = |key: &str| columns::is_own_label(label) && label.contains_key(key);
+    match (has("sequence"), has("left")) {
+        (true, true) => Some("sequences of grips"),
+        (true, false) => Some("sequences"),
+        (false, true) => Some("grips"),
+        (false, false) => None,
+    }
 }
 
 /// Adds a sample of the tar to the draft. The first sample decides which suffix is the image.
@@ -74,6 +87,17 @@ fn read_sample(
 ) {
     let name = draft.root.join(&draft.units[unit].file).display().to_string();
     let wrong = |message: String| Diagnostic::new(format!("{name}: {}: {message}", files.key));
+    let label_bytes = files.find_member(&draft.label_suffix);
+    let label = label_bytes.map_or(Ok(Map::new()), serde_json::from_slice::<Map<String, Value>>);
+    if draft.image_column.is_none()
+        && let Some(several) = label.as_ref().ok().and_then(name_several_images)
+    {
+        let message = format!("{name} holds {several}, and augment takes single images");
+        let help =
+            "make the dataset with container = \"folder\" under [output] of its job: there each image is a sample";
+        check.report_error("input.path", message, help);
+        return;
+    }
     let image = if let Some(image) = &draft.image_column {
         image.clone()
     } else {
@@ -82,8 +106,9 @@ fn read_sample(
             None => find_image_suffix(&suffixes),
         };
         let Some(found) = found else {
-            let images: Vec<&str> = suffixes.iter().map(String::as_str).filter(|suffix| is_image(suffix)).collect();
-            let all: Vec<&str> = suffixes.iter().map(String::as_str).collect();
+            let names = || suffixes.iter().map(String::as_str);
+            let images: Vec<&str> = names().filter(|suffix| is_image(suffix)).take(MAX_NAMED).collect();
+            let all: Vec<&str> = names().take(MAX_NAMED).collect();
             let key = if draft.written.image.is_some() { "input.image" } else { "input.path" };
             let message = format!("{name}: {}: no file of the sample is its image", files.key);
             let help = if images.is_empty() {
@@ -110,16 +135,21 @@ fn read_sample(
         draft.problems.push(problem.help("write the tar anew, the files of a sample behind each other"));
         return;
     }
-    let label =
-        files.find_member(&draft.label_suffix).map_or(Ok(Map::new()), serde_json::from_slice::<Map<String, Value>>);
     let label = match label {
         Ok(label) => label,
         Err(error) => {
-            let problem = wrong(format!("{} is no JSON object: {error}", draft.label_suffix));
-            let problem = problem.about(format!("{name}: {}", files.key), "labels are no JSON objects");
-            let help = "write labels as JSON objects; labels that are something else have another ending: say the one of JSON \
-                        with input.labels";
-            draft.problems.push(problem.help(help));
+            let problem = match json::find_non_number(label_bytes.unwrap_or_default(), &error) {
+                Some(number) => wrong(format!("{}: {}", draft.label_suffix, json::non_number_message(number)))
+                    .about(format!("{name}: {}", files.key), json::NON_NUMBER_CAUSE)
+                    .help(json::NON_NUMBER_HELP),
+                None => wrong(format!("{} is no JSON object: {error}", draft.label_suffix))
+                    .about(format!("{name}: {}", files.key), "labels are no JSON objects")
+                    .help(
+                        "write labels as JSON objects; labels that are something else have another ending: say the one of \
+                         JSON with input.labels",
+                    ),
+            };
+            draft.problems.push(problem);
             Map::new()
         }
     };
@@ -133,13 +163,15 @@ fn read_sample(
         let message = format!("{name}: {}: {}", files.key, problem.message);
         draft.problems.push(Diagnostic { message, ..problem });
     }
-    let size = files
-        .find_member(&image)
-        .ok_or_else(|| format!("there is no {image}"))
-        .and_then(image_file::read_size_of_bytes);
+    let image_bytes = files.find_member(&image);
+    let size = image_bytes.ok_or_else(|| format!("there is no {image}")).and_then(image_file::read_size_of_bytes);
     draft.sizes.push(size);
+    if let Some(orientation) = image_bytes.and_then(exif::find_turn) {
+        draft.notes.push(images::warn_of_turn(&format!("{name}: {}", files.key), orientation));
+    }
     draft.reals.push(RealSample { facts, ..RealSample::from_image(unit, &files.key) });
     draft.label_splits.push(split);
+    columns::note_class_numbers(&mut draft.class_numbers, &label);
     if draft.example.is_empty() {
         draft.example = label;
     }

@@ -59,13 +59,11 @@ impl SampleMaker<'_> {
             index,
             attempt: sample.label.header.attempt,
         };
-        let trace = Trace {
-            source: Source::Synthetic,
-            source_key: String::new(),
-            augmentation: json_to_text(to_json_line(&drawn)),
-        };
+        let augmentation = json_to_text(to_json_line(&drawn));
+        let mut trace = Trace { source: Source::Synthetic, source_key: String::new(), augmentation };
         let key = format!("synthetic-{index:09}");
         let placed = self.units.place_synthetic_image(beside, split, &sample.label.header.object.class, &key);
+        trace.fill_for_csv(form, &placed.name);
         let mut files = encode_members(&mix.plan, &sample);
         files.retain(|member| member.suffix != "json");
         let mut piece = OutputSample { unit: beside.unit, split, key: key.clone(), ..OutputSample::default() };
@@ -106,10 +104,9 @@ impl SampleMaker<'_> {
             }
             piece.files.push((file, bytes));
         }
-        let name = if *form == LabelFormat::Tar { &key } else { &placed.name };
         let scene = Scene::draw(&mix.plan, index, sample.label.header.attempt);
-        let made = SyntheticSample { label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
-        let label = self.labels.encode_synthetic_label(form, &made, &division.names[split], name, &trace);
+        let made = SyntheticSample { key: &key, label: &sample.label, place_mm: scene.motion.about_mm, files: columns };
+        let label = self.labels.encode_synthetic_label(form, &made, &division.names[split], &placed.name, &trace);
         match form {
             LabelFormat::Tar => piece.tar_files.push(Member::new(set.label_suffix.as_str(), label)),
             _ => piece.row = label,

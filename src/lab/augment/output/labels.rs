@@ -1,5 +1,7 @@
 //! Labels of an output: those of real samples as they were, those of synthetic ones in the same columns.
 
+use std::collections::BTreeMap;
+
 use csv::{ReaderBuilder, StringRecord, WriterBuilder};
 use serde_json::{Map, Value};
 
@@ -17,11 +19,15 @@ pub struct LabelWriter<'a> {
     pub trace: TraceColumns,
     /// Column of the split, if the output has new splits.
     pub split: Option<String>,
+    /// Number of each class in labels of gelsim.
+    pub class_numbers: BTreeMap<String, u64>,
 }
 
 /// A synthetic sample, for the columns of a real set.
 pub struct SyntheticSample<'a> {
-    /// Label of the sample.
+    /// Key of the sample in the output.
+    pub key: &'a str,
+    /// Label of the sample, as in a dataset of its job.
     pub label: &'a Label,
     /// The point that was placed, mm from the middle of the image.
     pub place_mm: [f64; 2],
@@ -92,7 +98,7 @@ impl LabelWriter<'_> {
         encode_csv_record(cells.iter().map(String::as_str).chain(trace.column_values()))
     }
 
-    /// Encodes the label of a synthetic sample with this `name`: its image's file, or its key.
+    /// Encodes the label of a synthetic sample; `name` is its image's file as labels have it.
     pub fn encode_synthetic_label(
         &self,
         form: &LabelFormat,
@@ -120,14 +126,13 @@ impl LabelWriter<'_> {
                 let listed = |path: &str| values.iter().any(|(column, _)| column.starts_with(&format!("{path}.")));
                 let mut map = clear_values(&self.set.example, "", &listed);
                 if is_own_label(&self.set.example) {
-                    let Ok(Value::Object(own)) = serde_json::to_value(sample.label) else { return Vec::new() };
+                    let Ok(Value::Object(mut own)) = serde_json::to_value(sample.label) else { return Vec::new() };
+                    own.insert(String::from("key"), Value::from(sample.key));
+                    self.number_classes_of(&mut own);
                     for (key, value) in own {
                         if let Some(slot) = map.get_mut(&key) {
                             *slot = value;
                         }
-                    }
-                    if *form == LabelFormat::Tar && map.contains_key("key") {
-                        map.insert(String::from("key"), Value::from(name));
                     }
                 }
                 values.into_iter().for_each(|(column, value)| columns::set_value(&mut map, &column, value));
@@ -137,6 +142,18 @@ impl LabelWriter<'_> {
                 bytes
             }
         }
+    }
+
+    /// Gives the classes in a label of the job the numbers that they have in the set.
+    fn number_classes_of(&self, label: &mut Map<String, Value>) {
+        let renumber = |object: &mut Value| {
+            let number = object.get("class").and_then(Value::as_str).and_then(|class| self.class_numbers.get(class));
+            if let (Some(number), Some(slot)) = (number.copied(), object.get_mut("class_index")) {
+                *slot = Value::from(number);
+            }
+        };
+        label.get_mut("object").into_iter().for_each(renumber);
+        label.get_mut("objects").and_then(Value::as_array_mut).into_iter().flatten().for_each(renumber);
     }
 
     /// Returns the columns whose meaning is known, with their values.

@@ -90,7 +90,8 @@ pub fn judge_presses(motions: &Motions, fits_zero: bool) -> Findings {
     findings
 }
 
-fn judge_depths(motions: &Motions, zero_mm: f64) -> Vec<Diagnostic> {
+/// Judges how deep the presses are in the pad.
+pub fn judge_depths(motions: &Motions, zero_mm: f64) -> Vec<Diagnostic> {
     let thickness_mm = motions.material.thickness_mm;
     let [warned, most] = DEPTHS;
     let found = motions.motions.iter().filter_map(|motion| {
