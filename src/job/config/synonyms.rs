@@ -113,7 +113,7 @@ pub const KEY_GUESSES: &[(&[&str], &[Meaning])] = &[
         &["n", "num", "count", "number", "num_samples", "n_samples", "number_of_samples", "images", "num_images"],
         &[Key("samples"), Elsewhere("under [dataset]: samples = 1000")],
     ),
-    (&["size", "length"], &[Key("samples"), Key("resolution_px"), Key("length_mm")]),
+    (&["size", "length"], &[Key("length_mm"), Key("resolution_px"), Key("samples")]),
     (&["random_seed", "rng_seed", "rng", "random_state"], &[Key("seed"), Elsewhere("under [dataset]: seed = 7")]),
     (&["shard_size", "samples_per_tar", "shards", "maxcount"], &[Key("samples_per_shard")]),
     (
