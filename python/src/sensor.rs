@@ -104,8 +104,9 @@ struct PreparedPlan {
 
 /// Returns the SHA-256 of a sensor's file; `None` for a preset, and for what cannot be read.
 fn hash_source(source: &str) -> Option<String> {
-    let bytes = input::read(Path::new(source), input::MAX_METADATA_BYTES).ok().filter(|_| source.contains('/'))?;
-    Some(hash::sha256(&bytes))
+    // A file's path is absolute, and no preset's name has a slash.
+    let path = Path::new(source).is_absolute().then_some(source)?;
+    input::read(Path::new(path), input::MAX_METADATA_BYTES).ok().map(|bytes| hash::sha256(&bytes))
 }
 
 /// Rebuilds a sensor in another process.
@@ -236,8 +237,8 @@ impl Sensor {
         set: &[String],
         layers: &[OutputLayer],
     ) -> PyResult<Plan> {
-        let is_fidelity = |text: &&String| text.split(['=', '.']).next().is_some_and(|key| key.trim() == "fidelity");
-        if self.set.iter().chain(set).any(|text| is_fidelity(&text)) {
+        let is_fidelity = |text: &String| text.split(['=', '.']).next().is_some_and(|key| key.trim() == "fidelity");
+        if self.set.iter().chain(set).any(is_fidelity) {
             return Err(mistake_error("`set` has a fidelity", "a simulator takes it by itself: fidelity=\"high\""));
         }
         self.resolve_plan(py, Some(fidelity), resolution_px.unwrap_or(self.itself.resolution_px), set, layers)

@@ -1,11 +1,13 @@
 //! `gelsim calibrate`: fits a sensor file to presses of a real sensor, takes over published calibrations, and simulates
 //! presses with a fitted sensor.
 
+mod evaluate;
 mod force;
 mod published;
 mod summary;
 
 use gelsim_files::calibration;
+use std::collections::HashSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -14,27 +16,23 @@ use clap::Args;
 use image::RgbImage;
 
 use self::summary::{
-    add_scores, format_lines, new_score_table, summarise_calibration, summarise_camera, summarise_dots, summarise_leds,
-    summarise_verdict,
+    format_lines, summarise_calibration, summarise_camera, summarise_dots, summarise_leds, summarise_verdict,
 };
 use super::guesses::parse_whole_number;
 use super::log::Log;
 use super::progress::bar::Bar;
 use super::store::local_path_parser;
-use super::terminal::stdout_columns;
 use super::{Failure, check_thread_count, print_result, print_to_stderr, threads_failure};
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::optics::calibrated::CalibrationTable;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::hash::sha256;
-use gelsim_files::input;
 use gelsim_files::png::encode_rgb;
 use gelsim_files::sensor::Sensor;
 use gelsim_files::write::write_output;
 use gelsim_job::plan::standalone;
 use gelsim_lab::calibrate::camera::{MeasuredCamera, measure_camera};
-use gelsim_lab::calibrate::evaluate::{EvaluatedPress, Evaluation, EvaluationOptions, evaluate_presses, picture_name};
 use gelsim_lab::calibrate::judge::{self, Findings, background, fit, scale};
 use gelsim_lab::calibrate::leds::FittedLeds;
 use gelsim_lab::calibrate::outliers::OutlierReason;
@@ -45,7 +43,6 @@ use gelsim_lab::calibrate::run::{
 };
 use gelsim_lab::calibrate::train::TrainingSettings;
 use gelsim_lab::calibrate::{Geometry, Session, session, surfaces};
-use gelsim_lab::compare::score::{Score, Scores};
 use gelsim_lab::presses::folder::GivenFacts;
 use gelsim_lab::presses::{self, PressTable};
 
@@ -273,72 +270,19 @@ impl Calibrate {
         written: impl Iterator<Item = PathBuf>,
         help: &str,
     ) -> Result<(), Failure> {
-        let written: Vec<PathBuf> = written.collect();
+        let written: HashSet<PathBuf> = written.filter_map(|path| path.canonicalize().ok()).collect();
         let mut problems = Diagnostics::default();
         let images = table.presses.iter().map(|press| &press.path);
         // One that is not matched is written as it was read.
         let matched = self.background.as_ref().or(table.background.as_ref()).filter(|_| self.match_background);
         for read in images.chain(matched) {
-            if written.iter().any(|path| input::is_same_path(path, read)) {
+            if read.canonicalize().is_ok_and(|path| written.contains(&path)) {
                 let name = read.display().to_string();
                 let problem = Diagnostic::new(format!("{name} would be written over")).help(help);
                 problems.push(problem.about(name, "files would be written over"));
             }
         }
         if problems.is_empty() { Ok(()) } else { Err(Report::new(&problems, &[]).into()) }
-    }
-
-    fn evaluate_table(&self, table: &Path, sensor: &str) -> Result<(), Failure> {
-        let sensor = standalone::load_flat_sensor(sensor, FLAT_ONLY)?.sensor;
-        if self.out.exists() && !self.out.is_dir() {
-            return Err(
-                user_error(format!("{} is not a folder", self.out.display()), "choose a folder with --out").into()
-            );
-        }
-        let options = EvaluationOptions {
-            contact_over_disc: self.contact_over_disc,
-            fidelity: self.fidelity,
-            finds_circles: self.detect,
-        };
-        let read = self.read_presses(table)?;
-        let pictures = read.presses.iter().map(|press| self.out.join(picture_name(&press.file)));
-        self.refuse_to_overwrite(&read, pictures, "choose another folder with --out")?;
-        let Evaluation { presses, findings } = evaluate_presses(read, &sensor, options)?;
-        self.report_findings(findings)?;
-        fs::create_dir_all(&self.out).map_err(|error| denied_failure(&self.out, &error))?;
-        let mut table = new_score_table();
-        for EvaluatedPress { file, simulated, scores, .. } in &presses {
-            let path = self.out.join(picture_name(file));
-            let [width, height] = sensor.resolution_px;
-            write_file(&path, &encode_rgb(width, height, simulated))?;
-            let contact = scores.as_ref().and_then(|scores| scores.contact.as_ref());
-            add_scores(&mut table, file, contact, scores.as_ref().map(|scores| &scores.full_image));
-        }
-        let compared = presses.iter().filter(|press| press.scores.is_some()).count();
-        let means = |of: &dyn Fn(&EvaluatedPress) -> Option<Scores>| {
-            let scores: Vec<Scores> = presses.iter().filter_map(of).collect();
-            let contact = Score::mean(scores.iter().filter_map(|scores| scores.contact.as_ref()));
-            (contact, Score::mean(scores.iter().map(|scores| &scores.full_image)))
-        };
-        let ((contact, full_image), (bare, bare_image)) =
-            (means(&|press| press.scores), means(&|press| press.background_scores));
-        add_scores(&mut table, &format!("mean of {compared}"), contact.as_ref(), full_image.as_ref());
-        add_scores(&mut table, "background alone", bare.as_ref(), bare_image.as_ref());
-        print_result(&table.render(stdout_columns()))?;
-        if let (Some(contact), Some(bare)) = (contact, bare)
-            && contact.mae >= fit::MAX_REMAINING_SHARE * bare.mae
-        {
-            let left = 100.0 * contact.mae / bare.mae;
-            let message = if left < 100.0 {
-                format!("the sensor leaves {left:.0} % of what presses change around the contact unexplained")
-            } else {
-                String::from("the sensor is further from the presses around the contact than the background alone")
-            };
-            let help = "fit a sensor file to presses of this very sensor; check circles and balls in the table";
-            self.log().print_notes(&Diagnostic::warning(message).help(help).into());
-        }
-        self.report_written(&self.out.display().to_string());
-        Ok(())
     }
 
     fn fit_presses(&self, presses: &Path, sensor: Sensor) -> Result<(), Failure> {

@@ -65,8 +65,10 @@ pub struct RunSummary {
     pub shards: u64,
     /// Shards that were there already.
     pub skipped: u64,
-    /// Their samples, and how many of these are not healthy.
-    pub there: [u64; 2],
+    /// Samples in these.
+    pub samples_there: u64,
+    /// How many of these are not healthy.
+    pub unhealthy_there: u64,
     /// Shards that were damaged and made again.
     pub damaged: Vec<String>,
     /// Draws that were rejected and drawn again.
@@ -125,8 +127,8 @@ impl RunSummary {
     /// Counts a shard that was there already.
     fn count_there(&mut self, stats: &ShardStats) {
         self.skipped += 1;
-        self.there[0] += stats.samples;
-        self.there[1] += stats.unhealthy;
+        self.samples_there += stats.samples;
+        self.unhealthy_there += stats.unhealthy;
     }
 
     /// Adds a shard that this run has written.

@@ -41,7 +41,8 @@ pub fn parse_places(path: &str, bytes: &[u8], kind: PlaceKind) -> Result<Vec<Pla
         Err(report) => {
             let said = report.problems().iter().map(|problem| {
                 let at = report.format_place(problem).unwrap_or_else(|| path.to_owned());
-                format!("{at}: {}; save it as CSV in UTF-8", problem.full_message())
+                let help = problem.help.as_deref().unwrap_or_default();
+                format!("{at}: {}; {help}", problem.full_message())
             });
             return Err(said.collect());
         }

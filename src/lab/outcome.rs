@@ -10,9 +10,8 @@ pub const HOPELESS_RUN_HELP: &str = "health.reason in their labels says why; gel
 /// Returns why a run was in vain, if none of its samples is healthy, nor of those that were there already. What it wrote
 /// stays.
 pub fn explain_hopeless_run(done: &RunSummary) -> Option<String> {
-    let [there, unhealthy_there] = done.there;
-    match done.samples + there {
-        samples if samples == 0 || done.unhealthy + unhealthy_there < samples => None,
+    match done.samples + done.samples_there {
+        samples if samples == 0 || done.unhealthy + done.unhealthy_there < samples => None,
         1 => Some(String::from("the sample is not healthy")),
         samples => Some(format!("none of the {} samples is healthy", HumanCount(samples))),
     }
