@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use super::terminal::fold_lines;
+use super::terminal::{self, fold_lines};
 use gelsim_dataset::dataset_error::DatasetError;
 use gelsim_files::diagnostic::{Diagnostic, DisplayOptions, Report};
 use gelsim_files::spelling::{escape_hidden_chars, strip_os_error_codes};
@@ -61,6 +61,13 @@ impl Failure {
     /// Returns a failure whose reasons were printed already.
     pub(super) fn already_reported(status: u8) -> Self {
         Self { message: Message::Reported, status }
+    }
+
+    /// Prints the failure on standard error, unless its reasons were printed already.
+    pub(super) fn print(&self) {
+        if let Some(message) = self.to_text(terminal::stderr_display()) {
+            terminal::print_as_is(&message);
+        }
     }
 
     /// Returns the text to print; `None` if the reasons were printed already.

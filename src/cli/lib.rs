@@ -114,9 +114,7 @@ pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
         }
     };
     let Err(failure) = run(arguments) else { return 0 };
-    if let Some(message) = failure.to_text(terminal::stderr_display()) {
-        terminal::print_as_is(&message);
-    }
+    failure.print();
     failure.status
 }
 

@@ -9,6 +9,7 @@ use super::{Failure, output_file, print_result, print_to_stderr};
 use gelsim_dataset::cleanup::{self, REPORT_FILE};
 use gelsim_dataset::lock::Lock;
 use gelsim_dataset::sensor_set::{SensorSet, list_dataset_folders};
+use gelsim_files::input::RelativePaths;
 use gelsim_lab::report::set::{SetRow, render_set};
 use gelsim_lab::report::{self, DatasetReport};
 
@@ -43,10 +44,16 @@ impl Report {
         }
         // A page for each dataset, and one that leads to them.
         let mut rows = Vec::new();
+        let folder_of_page = output_file::parent_folder(&out);
+        let failed = |error| Failure::from_path(folder_of_page, &error);
+        let mut seen_from_page = RelativePaths::seen_from(folder_of_page).map_err(failed)?;
+        let with_slashes = |path: &Path| path.to_string_lossy().replace('\\', "/");
         for folder in list_dataset_folders(&self.dir)? {
-            let dataset = self.write_dataset_page(&folder, &folder.join(REPORT_FILE))?;
-            let name = folder.strip_prefix(&self.dir).unwrap_or(&folder).to_string_lossy().replace('\\', "/");
-            rows.push(SetRow::new(name, &dataset));
+            let page = folder.join(REPORT_FILE);
+            let dataset = self.write_dataset_page(&folder, &page)?;
+            let name = with_slashes(folder.strip_prefix(&self.dir).unwrap_or(&folder));
+            let link = seen_from_page.make_relative(&page).map_err(failed)?;
+            rows.push(SetRow::new(name, with_slashes(&link), &dataset));
         }
         let name = self.dir.canonicalize().ok().and_then(|root| Some(root.file_name()?.to_string_lossy().into_owned()));
         output_file::write_whole_file(&out, render_set(&name.unwrap_or_default(), &rows).as_bytes())?;

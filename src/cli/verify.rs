@@ -7,7 +7,7 @@ use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::{Failure, print_result};
 use gelsim_dataset::sensor_set::list_dataset_folders;
-use gelsim_dataset::verify::{CheckLevel, DatasetFinding, list_remedy_commands, verify};
+use gelsim_dataset::verify::{CheckLevel, DatasetFinding, JOB_PLACEHOLDER, list_remedy_commands, verify};
 
 /// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged
 /// shards, files that cannot be decoded, numbers that are not finite, labels that break the schema. Ends with status 1
@@ -30,19 +30,41 @@ pub struct Verify {
 
 /// Returns the commands that fix a dataset; empty if there are none.
 pub(super) fn suggest_repair(root: &Path, findings: &[DatasetFinding]) -> String {
-    let fixes: String = list_remedy_commands(root, findings).iter().map(|command| format!("  {command}\n")).collect();
-    if fixes.is_empty() { fixes } else { format!("fix it with\n{fixes}") }
+    let commands = list_remedy_commands(root, findings);
+    if commands.is_empty() {
+        return String::new();
+    }
+    let explanation = match commands.iter().any(|command| command.contains(JOB_PLACEHOLDER)) {
+        true => format!(
+            "{} is lost, or the files that it names are not where it says: {JOB_PLACEHOLDER} is the job as you wrote it\n",
+            root.join("job.toml").display()
+        ),
+        false => String::new(),
+    };
+    let fixes: String = commands.iter().map(|command| format!("  {command}\n")).collect();
+    format!("{explanation}fix it with\n{fixes}")
 }
 
 impl Verify {
     pub(super) fn run(self) -> Result<(), Failure> {
         let depth = if self.checksums { CheckLevel::Checksums } else { CheckLevel::Everything };
-        let mut is_valid = true;
+        let (mut is_valid, mut last_failure) = (true, None::<Failure>);
         for folder in list_dataset_folders(&self.dir)? {
-            is_valid &= verify_dataset(&folder, depth)?;
+            match verify_dataset(&folder, depth) {
+                Ok(is_dataset_valid) => is_valid &= is_dataset_valid,
+                Err(failure) => {
+                    if let Some(earlier) = last_failure.replace(failure) {
+                        earlier.print();
+                    }
+                }
+            }
         }
-        // The findings were printed above.
-        if is_valid { Ok(()) } else { Err(Failure::already_reported(1)) }
+        match last_failure {
+            Some(failure) => Err(failure),
+            None if is_valid => Ok(()),
+            // The findings were printed above.
+            None => Err(Failure::already_reported(1)),
+        }
     }
 }
 

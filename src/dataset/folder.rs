@@ -1,7 +1,7 @@
 //! Prepares the folder of a dataset: makes it, recognises it, or refuses it if another job made it.
 
 use gelsim_files::fail_point::Step;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use super::stats::ShardStats;
 use super::versioned::Versioned;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_files::diagnostic::user_error;
-use gelsim_files::input::{self, canonicalize_existing};
+use gelsim_files::input::{self, RelativePaths};
 use gelsim_files::write::write_atomically;
 use gelsim_job::config::document::{MAX_READ_BYTES, RESOLVED_HEADER};
 use gelsim_job::plan::{Plan, file_stem};
@@ -269,11 +269,10 @@ fn parse_version(job: &str) -> Option<&str> {
 /// Formats `job.toml`: every default written out, paths relative to `root`. The inner error is a path that no text can
 /// hold.
 fn format_resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, PathBuf>> {
-    let root = canonicalize_existing(root)?;
+    let mut paths = RelativePaths::seen_from(root)?;
     let mut job = plan.job().clone();
-    let mut folders = HashMap::new();
     for path in job.paths_mut() {
-        match to_relative(path, &root, &mut folders)?.into_os_string().into_string() {
+        match paths.make_relative(Path::new(path.as_str()))?.into_os_string().into_string() {
             Ok(text) => *path = if cfg!(windows) { text.replace('\\', "/") } else { text },
             Err(path) => return Ok(Err(path.into())),
         }
@@ -281,20 +280,6 @@ fn format_resolved_job(root: &Path, plan: &Plan) -> io::Result<Result<String, Pa
     let text = job.to_toml()?;
     let text = format!("{RESOLVED_HEADER} {}.\n{SELF_HASH_MARK}{BLANK_HASH}\n\n{text}", env!("CARGO_PKG_VERSION"));
     Ok(Ok(insert_self_hash(&text, SELF_HASH_MARK)))
-}
-
-/// Returns a path relative to `root`. `folders` are those that were resolved before.
-fn to_relative(path: &str, root: &Path, folders: &mut HashMap<PathBuf, PathBuf>) -> io::Result<PathBuf> {
-    let path = std::path::absolute(path)?;
-    // The last part is not resolved: an object has the name of its file or link.
-    let path = match (path.parent(), path.file_name()) {
-        (Some(folder), Some(name)) => match folders.get(folder) {
-            Some(resolved) => resolved.join(name),
-            None => folders.entry(folder.to_owned()).or_insert(folder.canonicalize()?).join(name),
-        },
-        _ => path,
-    };
-    Ok(pathdiff::diff_paths(&path, root).unwrap_or(path))
 }
 
 /// Lists what differs between the recorded job and the plan's, by dotted key and, if a file changed, by its name. More

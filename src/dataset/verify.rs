@@ -27,7 +27,7 @@ mod finding;
 mod samples;
 
 use described::{check_descriptions, check_job};
-pub use finding::{DatasetFinding, Remedy, list_remedy_commands};
+pub use finding::{DatasetFinding, JOB_PLACEHOLDER, Remedy, list_remedy_commands};
 use samples::check_shard_files;
 pub use samples::check_tar;
 
@@ -137,14 +137,24 @@ pub fn check_shards(recorded: &RecordedDataset, depth: CheckLevel) -> Result<Vec
 fn check_shard(recorded: &RecordedDataset, shard: Shard, depth: CheckLevel) -> Result<ShardCheck, DatasetError> {
     let paths = recorded.shard_paths(&shard);
     let (file, stats_name) = (paths.container.relative_path(&shard), format!("stats/{}.json", shard.name()));
-    let stats = ShardStats::read(&paths.stats)?;
+    let (stats, unreadable) = match ShardStats::read(&paths.stats) {
+        Ok(stats) => (stats, None),
+        Err(DatasetError::Io(_, error)) => (None, Some(error)),
+        Err(of_newer) => return Err(of_newer),
+    };
     let mut findings = Vec::new();
     let absent = ![&paths.stats, &paths.data, &paths.lock].iter().any(|path| path.symlink_metadata().is_ok());
     if absent {
         return Ok(ShardCheck { shard, stats: None, sha256: None, bytes: None, findings, absent });
     }
+    if let Some(error) = &unreadable {
+        let finding = DatasetFinding::new(&*stats_name, error.to_string());
+        let is_file = paths.stats.symlink_metadata().is_ok_and(|found| found.is_file());
+        findings.push(if is_file { finding } else { finding.with_remedy(Remedy::Remove(stats_name.clone())) });
+    }
     let mut wrong = |file: &str, what: String| findings.push(DatasetFinding::new(file, what));
     match &stats {
+        None if unreadable.is_some() => {}
         None if paths.stats.exists() => wrong(&stats_name, String::from("is not what was written")),
         None => wrong(&stats_name, String::from("is missing")),
         Some(stats) if stats.file != file => wrong(&stats_name, format!("is about {}", stats.file)),

@@ -3,6 +3,7 @@
 //! A device or a pipe could be read for ever, or never give a byte. A file that grows while it is read is cut off at
 //! the same limit. A file that a user names may be a link to a regular one; a file of a dataset may not.
 
+use std::collections::HashMap;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
@@ -62,7 +63,7 @@ fn open_with(path: &Path, flags: OFlags) -> io::Result<(File, u64)> {
 }
 
 /// Resolves the links of a path, as far as it exists. An empty one is the current folder.
-pub fn canonicalize_existing(path: &Path) -> io::Result<PathBuf> {
+fn canonicalize_existing(path: &Path) -> io::Result<PathBuf> {
     let path = std::path::absolute(if path == Path::new("") { Path::new(".") } else { path })?;
     match (path.canonicalize(), path.parent(), path.file_name()) {
         (Err(error), Some(folder), Some(name)) if error.kind() == io::ErrorKind::NotFound => {
@@ -77,15 +78,35 @@ pub fn is_same_path(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Returns how a path is written in a file of `folder`. Links on the way are resolved, but not the last part: an object
-/// has the name of its file or link.
-pub fn relative_to(path: &Path, folder: &Path) -> io::Result<PathBuf> {
-    let absolute = std::path::absolute(if path == Path::new("") { Path::new(".") } else { path })?;
-    let path = match (absolute.parent(), absolute.file_name()) {
-        (Some(above), Some(name)) => canonicalize_existing(above)?.join(name),
-        _ => canonicalize_existing(&absolute)?,
-    };
-    Ok(pathdiff::diff_paths(&path, canonicalize_existing(folder)?).unwrap_or(path))
+/// How paths are written in a file of a folder. Links on the way are resolved, but not the last part: an object has the
+/// name of its file or link.
+pub struct RelativePaths {
+    base: PathBuf,
+    /// Folders that were resolved before: a job may name thousands of files in one.
+    resolved: HashMap<PathBuf, PathBuf>,
+}
+
+impl RelativePaths {
+    /// Paths as a file of `folder` has them.
+    pub fn seen_from(folder: &Path) -> io::Result<Self> {
+        Ok(Self { base: canonicalize_existing(folder)?, resolved: HashMap::new() })
+    }
+
+    /// Returns the path relative to the folder.
+    pub fn make_relative(&mut self, path: &Path) -> io::Result<PathBuf> {
+        let absolute = std::path::absolute(if path == Path::new("") { Path::new(".") } else { path })?;
+        let path = match (absolute.parent(), absolute.file_name()) {
+            (Some(folder), Some(name)) => match self.resolved.get(folder) {
+                Some(resolved) => resolved.join(name),
+                None => {
+                    let resolved = canonicalize_existing(folder)?;
+                    self.resolved.entry(folder.to_owned()).or_insert(resolved).join(name)
+                }
+            },
+            _ => canonicalize_existing(&absolute)?,
+        };
+        Ok(pathdiff::diff_paths(&path, &self.base).unwrap_or(path))
+    }
 }
 
 /// Suggests the name of a file that may have been meant by a missing one beside it: one with another case, with an

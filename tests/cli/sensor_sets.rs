@@ -171,6 +171,23 @@ fn unpaired_sensors_feel_presses_of_their_own() {
 }
 
 #[test]
+fn all_datasets_of_a_set_are_verified_also_behind_one_that_is_none() {
+    let folder = Folder::with_job(&job());
+    folder.succeed("generate job.toml --quiet --out set");
+    let names = folders(&folder, "set");
+    for name in &names[..2] {
+        fs::remove_file(folder.path(&format!("set/{name}/job.toml"))).expect("a job");
+    }
+    let output = folder.gelsim("verify set").output().expect("it runs");
+    let [said, wrong] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("UTF-8"));
+    assert_eq!(output.status.code(), Some(2), "{wrong}");
+    for (k, name) in names.iter().enumerate() {
+        assert_eq!(wrong.contains(&format!("set/{name} is no dataset")), k < 2, "{wrong}");
+        assert_eq!(said.contains(&format!("set/{name}: 8 samples")), k >= 2, "{said}");
+    }
+}
+
+#[test]
 fn folders_of_datasets_and_of_others_are_no_sets() {
     let folder = Folder::with_job(&job());
     folder.write("small.toml", JOB);
@@ -380,6 +397,11 @@ fn a_set_has_a_card_and_a_page_that_lead_to_its_datasets() {
             assert!(folder.path(&format!("set/{each}/report.html")).exists(), "{each}");
         }
     }
+    // A page elsewhere leads to the same pages, whose links start from its own folder.
+    fs::create_dir(folder.path("pages")).expect("a folder");
+    assert_eq!(folder.stdout_of("report set --out pages/set.html"), "pages/set.html\n");
+    let name = &folders(&folder, "set")[0];
+    assert!(folder.read("pages/set.html").contains(&format!("href=\"../set/{name}/report.html\"")));
     // The same command goes on, and writes a card that was lost.
     fs::remove_file(folder.path("set/README.md")).expect("the card");
     folder.succeed("generate job.toml --quiet --out set");

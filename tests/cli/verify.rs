@@ -407,6 +407,15 @@ fn every_finding_has_a_cure_that_mends_it() {
             }),
         ),
         ("stats/train-000001.json: is of another job than job.toml", Box::new(seed_8)),
+        #[cfg(unix)]
+        (
+            "stats/train-000001.json: it is a symbolic link",
+            Box::new(|| {
+                fs::rename(path("stats/train-000001.json"), folder.path("elsewhere.json")).expect("stats");
+                std::os::unix::fs::symlink(folder.path("elsewhere.json"), path("stats/train-000001.json"))
+                    .expect("a link");
+            }),
+        ),
         ("data/extra.tar: belongs to no shard", Box::new(|| folder.write("out/data/extra.tar", "more"))),
         (
             "data/train-000099.tar: belongs to no shard",
@@ -443,6 +452,23 @@ fn every_finding_has_a_cure_that_mends_it() {
         run_named_fixes(&folder, &said);
         assert_same_files(&sound, &folder.lasting_files("out"));
     }
+}
+
+#[test]
+fn a_dataset_that_was_moved_away_from_its_meshes_is_mended_by_the_job_as_it_was_written() {
+    let folder = all_layers();
+    let sound = folder.lasting_files("out");
+    fs::create_dir(folder.path("disk")).expect("a folder");
+    fs::rename(folder.path("out"), folder.path("disk/out")).expect("a dataset");
+    fs::remove_file(folder.path("disk/out/data/test-000000.tar")).expect("a tar");
+    let said = folder.stdout_of("verify disk/out");
+    assert!(
+        said.contains("the files that it names are not where it says: JOB.toml is the job as you wrote it"),
+        "{said}"
+    );
+    assert!(said.ends_with("fix it with\n  gelsim generate JOB.toml --out disk/out\n"), "{said}");
+    folder.succeed("generate job.toml --out disk/out");
+    assert_same_files(&sound, &folder.lasting_files("disk/out"));
 }
 
 #[test]

@@ -19,7 +19,12 @@ MINOR = sys.version_info[1]
 LAST = "1.26.4"
 OLDEST = {9: "1.22.0", 10: "1.22.0", 11: "1.23.2", 12: "1.26.0"}.get(MINOR)
 OLDEST_PILLOW = {9: "9.0.0", 10: "9.0.0", 11: "9.3.0", 12: "10.1.0"}.get(MINOR)
-with_numpy_1 = pytest.mark.skipif(MINOR >= 13, reason="no numpy 1 for this Python")
+
+
+def with_numpy_1(test):
+    """Minutes of pip: with --full."""
+    return pytest.mark.full(pytest.mark.skipif(MINOR >= 13, reason="no numpy 1 for this Python")(test))
+
 
 EXPORTS = ["lerobot", "zarr", "hdf5"]
 USE = """

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{Failure, print_result};
 use gelsim_files::diagnostic::{Diagnostic, Severity, user_error};
-use gelsim_files::input;
+use gelsim_files::input::RelativePaths;
 use gelsim_files::sensor::{PRESETS, Sensor};
 use gelsim_job::config::sensor_paths_mut;
 use gelsim_lab::calibrate::force::fit::ElasticFit;
@@ -109,9 +109,10 @@ impl Calibrate {
     /// Makes the paths that the sensor names relative to the folder of the sensor file that is written.
     fn move_paths(&self, sensor: &mut Sensor) -> Result<(), Failure> {
         let folder = self.out.parent().unwrap_or(Path::new(""));
+        let mut relative = RelativePaths::seen_from(folder).map_err(|error| path_failure(folder, &error))?;
         for path in sensor_paths_mut(sensor).filter(|path| Path::new(path.as_str()).is_relative()) {
             let from = Path::new(path.as_str());
-            let moved = input::relative_to(from, folder).map_err(|error| path_failure(from, &error))?;
+            let moved = relative.make_relative(from).map_err(|error| path_failure(from, &error))?;
             let Some(moved) = moved.to_str() else {
                 let message = format!("{} is no UTF-8, which a sensor file must be", moved.display());
                 return Err(user_error(message, "choose another place with --out").into());

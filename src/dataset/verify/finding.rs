@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::path::Path;
 
+use crate::recorded::RecordedDataset;
 use gelsim_files::spelling::quote_for_shell;
 
 /// Something that is wrong in a dataset.
@@ -48,6 +49,16 @@ impl fmt::Display for DatasetFinding {
     }
 }
 
+/// The job that the user has, in commands.
+pub const JOB_PLACEHOLDER: &str = "JOB.toml";
+
+/// Returns true if all files that the dataset's job names are where it says. Those of a dataset that was moved by itself
+/// are not.
+fn has_all_inputs(root: &Path) -> bool {
+    RecordedDataset::open(root)
+        .is_ok_and(|mut recorded| recorded.job.paths_mut().all(|path| root.join(path.as_str()).exists()))
+}
+
 /// Lists the commands that fix what was found in the dataset at `root`, in order.
 pub fn list_remedy_commands(root: &Path, findings: &[DatasetFinding]) -> Vec<String> {
     let remedies: BTreeSet<&Remedy> = findings.iter().map(|finding| &finding.remedy).collect();
@@ -64,10 +75,13 @@ pub fn list_remedy_commands(root: &Path, findings: &[DatasetFinding]) -> Vec<Str
         }
         Remedy::Generate | Remedy::GenerateByJob | Remedy::Finalize => None,
     };
-    let job = if lost { String::from("JOB.toml") } else { quote_for_shell(&root.join("job.toml")) };
     let last = match own || lost {
         // Generating also finalizes.
-        true => Some(format!("gelsim generate {job} --out {folder}")),
+        true => {
+            let is_usable = !lost && has_all_inputs(root);
+            let job = if is_usable { quote_for_shell(&root.join("job.toml")) } else { JOB_PLACEHOLDER.to_owned() };
+            Some(format!("gelsim generate {job} --out {folder}"))
+        }
         false => remedies.contains(&Remedy::Finalize).then(|| format!("gelsim finalize {folder}")),
     };
     remedies.iter().filter_map(command).chain(last).collect()

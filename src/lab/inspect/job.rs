@@ -11,7 +11,7 @@ use super::{Inspection, MeshFacts, inspect_mesh, set};
 use gelsim_core::gelpad::USUAL_DEPTHS;
 use gelsim_core::sensor::Sensor;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, Severity, user_error};
-use gelsim_files::input;
+use gelsim_files::input::RelativePaths;
 use gelsim_files::length::{Unit, is_plausible_length};
 use gelsim_files::mesh::{ENDINGS, Format, MeshReadOptions};
 use gelsim_files::number_format::{format_count, format_number};
@@ -332,7 +332,8 @@ fn relative_folder(folder: &Path, file: Option<&Path>) -> Option<String> {
         return folder.to_str().map(str::to_owned);
     }
     let base = file.and_then(Path::parent).unwrap_or(Path::new(""));
-    let relative = input::relative_to(folder, base).unwrap_or_else(|_| folder.to_owned());
+    let relative = RelativePaths::seen_from(base).and_then(|mut paths| paths.make_relative(folder));
+    let relative = relative.unwrap_or_else(|_| folder.to_owned());
     relative.to_str().map(str::to_owned)
 }
 

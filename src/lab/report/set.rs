@@ -5,11 +5,11 @@ use maud::{Markup, html};
 use super::DatasetReport;
 use crate::numbers::{HumanBytes, HumanCount};
 use crate::page;
-use gelsim_dataset::cleanup::REPORT_FILE;
 
 /// What the page of a set shows of one of its datasets.
 pub struct SetRow {
     folder: String,
+    page: String,
     sensor: String,
     counts: [u64; 3],
     bytes: u64,
@@ -17,16 +17,16 @@ pub struct SetRow {
 }
 
 impl SetRow {
-    /// Takes the figures of the dataset in this folder of the set.
-    pub fn new(folder: String, dataset: &DatasetReport) -> Self {
+    /// Takes the figures of the dataset in this folder of the set. Its own page is at `page`, seen from the set's.
+    pub fn new(folder: String, page: String, dataset: &DatasetReport) -> Self {
         let gathered = &dataset.gathered;
         let counts = [gathered.samples.iter().sum(), gathered.in_contact.iter().sum(), gathered.unhealthy.total()];
         let sensor = dataset.recorded.job.sensor.name.clone();
-        Self { folder, sensor, counts, bytes: gathered.totals.bytes, warnings: dataset.list_warnings().len() }
+        Self { folder, page, sensor, counts, bytes: gathered.totals.bytes, warnings: dataset.list_warnings().len() }
     }
 
     fn to_cells(&self) -> Vec<Markup> {
-        let link = html! { a href={ (self.folder) "/" (REPORT_FILE) } { (self.folder) } };
+        let link = html! { a href=(self.page) { (self.folder) } };
         let counts = self.counts.map(|count| html! { (HumanCount(count)) });
         let [samples, in_contact, unhealthy] = counts;
         let bytes = html! { (HumanBytes(self.bytes)) };

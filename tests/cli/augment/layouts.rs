@@ -653,6 +653,31 @@ fn tars_have_samples_in_folders_whatever_dots_are_in_their_names() {
 }
 
 #[test]
+fn tars_that_a_number_or_the_index_tells_of_and_that_are_not_there_are_named() {
+    let folder = Folder::new();
+    folder.write("augment.toml", undivided());
+    let fill = |tar: &str, number: u8| {
+        let key = number.to_string();
+        pack(&folder, tar, &[(&format!("{key}.png"), png(number)), (&format!("{key}.json"), b"{}".to_vec())]);
+    };
+    let said = || folder.succeed("augment augment.toml --out larger --overwrite");
+    // Days are no series.
+    for (number, tar) in ["train-007.tar", "train-008.tar", "day-20260101.tar", "day-20260401.tar"].iter().enumerate() {
+        fill(tar, number as u8);
+    }
+    assert!(!said().contains("missing"), "{}", said());
+    fill("train-010.tar", 9);
+    assert!(said().contains("warning: real/train-009.tar is missing"), "{}", said());
+    let index =
+        r#"{"shardlist": [{"url": "train-007.tar"}, {"url": "train-011.tar"}, {"url": "https://host/train-012.tar"}]}"#;
+    folder.write("real/wids.json", index);
+    assert!(said().contains("2 tars are missing in real: train-009.tar, train-011.tar"), "{}", said());
+    // What is named is what is meant.
+    folder.write("augment.toml", undivided().replace("\"real\"", "\"real/train-007.tar\""));
+    assert!(!said().contains("missing"), "{}", said());
+}
+
+#[test]
 fn new_samples_have_the_class_numbers_of_the_set_and_keys_of_their_own() {
     for folder in [super::with_tars(), super::with_folders()] {
         // In a dataset of this job, the classes would be 0 (anvil) and 1 (cube).

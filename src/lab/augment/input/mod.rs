@@ -293,6 +293,9 @@ pub fn read(
             "leave it out; input.image says which files are images",
         );
     }
+    if layout == InputLayout::Tars {
+        tars::warn_of_missing_tars(&mut draft);
+    }
     let mut files = Some(files);
     for unit in 0..draft.units.len() {
         let first = draft.reals.len();

@@ -1,23 +1,27 @@
 //! Labels in WebDataset tars: consecutive files with one key form a sample; one of them is its image, one its label.
 
 use std::cell::RefCell;
-use std::collections::HashSet;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
 use super::columns::{self, ColumnMap, LabelFacts, SourceLabel};
+use super::names::lowercase_ending;
 use super::{DatasetDraft, RealSample, exif, images, json, most_member_bytes};
 use gelsim_dataset::archive::{self, MemberHead, SampleFiles};
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::image_file;
+use gelsim_files::input;
 use gelsim_files::spelling::join_alternatives;
 use gelsim_job::plan::check::JobChecker;
 
 /// Usual suffixes of images, without the ending of their format.
 const IMAGE_SUFFIXES: [&str; 4] = ["tactile", "image", "", "rgb"];
-/// Most suffixes that a message names.
+/// Names of the index of WebDataset's shards.
+const INDEX_NAMES: [&str; 2] = ["wids.json", "index.json"];
+/// Most suffixes or tars that a message names.
 const MAX_NAMED: usize = 8;
 
 /// Reads the tar of unit `unit` of a draft: labels, and the sizes of the images. `None` after a mistake that leaves
@@ -50,6 +54,66 @@ pub(super) fn read(check: &mut JobChecker<'_>, draft: &mut DatasetDraft<'_>, uni
         return None;
     }
     draft.image_column.as_ref().map(|_| ())
+}
+
+/// Warns of tars that are not there, though the index of the folder names them, or the numbers of the others leave them
+/// out.
+pub(super) fn warn_of_missing_tars(draft: &mut DatasetDraft<'_>) {
+    // A tar that was named is all that is meant.
+    if draft.written.path.as_deref().is_some_and(|path| lowercase_ending(Path::new(path)) == "tar") {
+        return;
+    }
+    let files: BTreeSet<PathBuf> = draft.units.iter().map(|unit| unit.file.clone()).collect();
+    let mut missing = find_missing_numbers(&files);
+    missing.extend(list_indexed_tars(draft.root).into_iter().filter(|file| !draft.root.join(file).exists()));
+    let Some(first) = missing.first() else { return };
+    let message = match missing.len() {
+        1 => format!("{} is missing", draft.root.join(first).display()),
+        count => {
+            let mut names: Vec<String> =
+                missing.iter().take(MAX_NAMED).map(|file| file.display().to_string()).collect();
+            if count > MAX_NAMED {
+                names.push(format!("and {} more", count - MAX_NAMED));
+            }
+            format!("{count} tars are missing in {}: {}", draft.root.display(), names.join(", "))
+        }
+    };
+    draft.notes.push(Diagnostic::warning(message).help("copy what is missing; else its samples are left out"));
+}
+
+/// Returns the names that are missing between the first and the last tar of each numbered series. Where more would be
+/// missing than there are, the numbers are no series.
+fn find_missing_numbers(files: &BTreeSet<PathBuf>) -> BTreeSet<PathBuf> {
+    let mut series: BTreeMap<(String, usize), BTreeSet<u64>> = BTreeMap::new();
+    for file in files {
+        let Some(stem) = file.with_extension("").to_str().map(str::to_owned) else { continue };
+        let name = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+        let digits = &stem[name.len()..];
+        if let Ok(number) = digits.parse() {
+            series.entry((name.to_owned(), digits.len())).or_default().insert(number);
+        }
+    }
+    let mut missing = BTreeSet::new();
+    for ((name, digits), numbers) in series {
+        let (Some(first), Some(last)) = (numbers.first(), numbers.last()) else { continue };
+        if last - first < 2 * numbers.len() as u64 {
+            let absent = (*first..=*last).filter(|number| !numbers.contains(number));
+            missing.extend(absent.map(|number| PathBuf::from(format!("{name}{number:0digits$}.tar"))));
+        }
+    }
+    missing
+}
+
+/// Lists the tars that the index of WebDataset in the folder names, if there is one. Addresses are no files.
+fn list_indexed_tars(root: &Path) -> Vec<PathBuf> {
+    let read = |name: &str| -> Option<Value> {
+        serde_json::from_slice(&input::read_without_links(&root.join(name), input::MAX_METADATA_BYTES).ok()?).ok()
+    };
+    let shards = |index: Value| -> Vec<PathBuf> {
+        let urls = index["shardlist"].as_array().into_iter().flatten().filter_map(|shard| shard["url"].as_str());
+        urls.filter(|url| !url.contains("://")).map(PathBuf::from).collect()
+    };
+    INDEX_NAMES.into_iter().filter_map(read).flat_map(shards).collect()
 }
 
 /// Returns true for the suffix of a picture.
