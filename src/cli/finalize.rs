@@ -8,7 +8,7 @@ use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::store::{parse_address, staging_folder};
 use super::verify::suggest_repair;
-use super::{Failure, print_result};
+use super::{Failure, for_each_dataset, print_result};
 use gelsim_dataset::finalize::{Finalized, check_same_version, finalize};
 use gelsim_dataset::mirror::finalize_in_store;
 use gelsim_dataset::recorded::RecordedDataset;
@@ -44,12 +44,7 @@ impl Finalize {
         let depth = if self.quick { CheckLevel::Sizes } else { CheckLevel::Checksums };
         let store = parse_address(&self.dir)?;
         let folders = if store.is_some() { vec![self.dir.clone()] } else { list_dataset_folders(&self.dir)? };
-        let mut is_finalized = true;
-        for folder in folders {
-            is_finalized &= self.finalize_dataset(&folder, store.as_ref(), depth)?;
-        }
-        // What is missing was printed.
-        if is_finalized { Ok(()) } else { Err(Failure::already_reported(1)) }
+        for_each_dataset(&folders, |folder| self.finalize_dataset(folder, store.as_ref(), depth))
     }
 
     /// Finalizes one dataset, prints what became of it, and returns true if it is complete.

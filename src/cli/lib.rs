@@ -4,7 +4,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use std::ffi::OsString;
 use std::io::Write;
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 
@@ -283,6 +283,27 @@ impl Extent {
             cut(i)..cut(i + 1)
         };
         Ok(self.shards.clone().or(self.partition.map(part)))
+    }
+}
+
+/// Does a command's work on each of several datasets: a failure with one does not keep it from the others. The work
+/// returns false for a dataset of which it has printed what is wrong. Failures but the last are printed here.
+fn for_each_dataset(folders: &[PathBuf], mut work: impl FnMut(&Path) -> Result<bool, Failure>) -> Result<(), Failure> {
+    let (mut is_valid, mut last_failure) = (true, None::<Failure>);
+    for folder in folders {
+        match work(folder) {
+            Ok(is_valid_there) => is_valid &= is_valid_there,
+            Err(failure) => {
+                if let Some(earlier) = last_failure.replace(failure) {
+                    earlier.print();
+                }
+            }
+        }
+    }
+    match last_failure {
+        Some(failure) => Err(failure),
+        None if is_valid => Ok(()),
+        None => Err(Failure::already_reported(1)),
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::store::local_path_parser;
-use super::{Failure, output_file, print_result, print_to_stderr};
+use super::{Failure, for_each_dataset, output_file, print_result, print_to_stderr};
 use gelsim_dataset::cleanup::{self, REPORT_FILE};
 use gelsim_dataset::lock::Lock;
 use gelsim_dataset::sensor_set::{SensorSet, list_dataset_folders};
@@ -48,16 +48,21 @@ impl Report {
         let failed = |error| Failure::from_path(folder_of_page, &error);
         let mut seen_from_page = RelativePaths::seen_from(folder_of_page).map_err(failed)?;
         let with_slashes = |path: &Path| path.to_string_lossy().replace('\\', "/");
-        for folder in list_dataset_folders(&self.dir)? {
+        let all_written = for_each_dataset(&list_dataset_folders(&self.dir)?, |folder| {
             let page = folder.join(REPORT_FILE);
-            let dataset = self.write_dataset_page(&folder, &page)?;
-            let name = with_slashes(folder.strip_prefix(&self.dir).unwrap_or(&folder));
+            let dataset = self.write_dataset_page(folder, &page)?;
+            let name = with_slashes(folder.strip_prefix(&self.dir).unwrap_or(folder));
             let link = seen_from_page.make_relative(&page).map_err(failed)?;
             rows.push(SetRow::new(name, with_slashes(&link), &dataset));
+            Ok(true)
+        });
+        if rows.is_empty() {
+            return all_written;
         }
         let name = self.dir.canonicalize().ok().and_then(|root| Some(root.file_name()?.to_string_lossy().into_owned()));
         output_file::write_whole_file(&out, render_set(&name.unwrap_or_default(), &rows).as_bytes())?;
-        print_result(&format!("{}\n", out.display()))
+        print_result(&format!("{}\n", out.display()))?;
+        all_written
     }
 
     /// Writes the page about the dataset in a folder, and prints its warnings.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
-use super::{Failure, print_result};
+use super::{Failure, for_each_dataset, print_result};
 use gelsim_dataset::sensor_set::list_dataset_folders;
 use gelsim_dataset::verify::{CheckLevel, DatasetFinding, JOB_PLACEHOLDER, list_remedy_commands, verify};
 
@@ -48,23 +48,7 @@ pub(super) fn suggest_repair(root: &Path, findings: &[DatasetFinding]) -> String
 impl Verify {
     pub(super) fn run(self) -> Result<(), Failure> {
         let depth = if self.checksums { CheckLevel::Checksums } else { CheckLevel::Everything };
-        let (mut is_valid, mut last_failure) = (true, None::<Failure>);
-        for folder in list_dataset_folders(&self.dir)? {
-            match verify_dataset(&folder, depth) {
-                Ok(is_dataset_valid) => is_valid &= is_dataset_valid,
-                Err(failure) => {
-                    if let Some(earlier) = last_failure.replace(failure) {
-                        earlier.print();
-                    }
-                }
-            }
-        }
-        match last_failure {
-            Some(failure) => Err(failure),
-            None if is_valid => Ok(()),
-            // The findings were printed above.
-            None => Err(Failure::already_reported(1)),
-        }
+        for_each_dataset(&list_dataset_folders(&self.dir)?, |folder| verify_dataset(folder, depth))
     }
 }
 

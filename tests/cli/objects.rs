@@ -664,3 +664,35 @@ fn a_height_map_may_be_in_an_archive_or_of_truths() {
     assert!(error.contains("it holds 2 arrays, `a`, `b`, and none is called `height`"), "{error}");
     assert!(error.contains("numpy.save(\"map.npy\", numpy.load(\"FILE.npz\")[\"NAME\"])"), "{error}");
 }
+
+#[test]
+fn feet_far_from_the_view_have_their_share_of_contact_and_force() {
+    let folder = Folder::new();
+    // Two cubes of 4 mm, 600 mm apart: the right one is pressed in view.
+    let quads = [[1, 2, 4, 3], [5, 7, 8, 6], [1, 5, 6, 2], [3, 4, 8, 7], [1, 3, 7, 5], [2, 6, 8, 4]];
+    let mut mesh = String::new();
+    for foot in 0..2 {
+        for k in 0..8 {
+            let [x, y, z] = [k >> 2, k >> 1, k].map(|bit| 4 * (bit & 1));
+            mesh += &format!("v {} {y} {z}\n", x + 600 * foot);
+        }
+        for corners in quads {
+            mesh += &format!("f {}\n", corners.map(|k| (k + 8 * foot).to_string()).join(" "));
+        }
+    }
+    folder.write("feet.obj", mesh);
+    let (start, _) = JOB.split_once("[[object]]").expect("objects");
+    let start = start.replace("samples = 8", "samples = 1");
+    folder.write("job.toml", format!("{start}[[object]]\npath = \"feet.obj\"\nunit = \"mm\"\n"));
+    for level in ["paper", "standard"] {
+        let place = "--set pose.x_mm=-300.0 --set pose.y_mm=0.0 --set indentation.depth_mm=0.5";
+        folder.succeed(&format!("generate job.toml --quiet --overwrite --out out --fidelity {level} {place}"));
+        let labels = folder.labels("out");
+        let contact = &labels.values().next().expect("a label")["contact"];
+        let number = |key: &str| contact[key].as_f64().unwrap_or_else(|| panic!("{key} in {contact}"));
+        assert!((number("in_view_fraction") - 0.5).abs() < 0.03, "{contact}");
+        if level == "standard" {
+            assert!((number("total_force_n") / number("force_n") - 2.0).abs() < 0.04, "{contact}");
+        }
+    }
+}

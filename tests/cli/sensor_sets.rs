@@ -171,7 +171,7 @@ fn unpaired_sensors_feel_presses_of_their_own() {
 }
 
 #[test]
-fn all_datasets_of_a_set_are_verified_also_behind_one_that_is_none() {
+fn what_is_done_with_all_datasets_of_a_set_is_done_also_behind_one_that_is_none() {
     let folder = Folder::with_job(&job());
     folder.succeed("generate job.toml --quiet --out set");
     let names = folders(&folder, "set");
@@ -184,6 +184,14 @@ fn all_datasets_of_a_set_are_verified_also_behind_one_that_is_none() {
     for (k, name) in names.iter().enumerate() {
         assert_eq!(wrong.contains(&format!("set/{name} is no dataset")), k < 2, "{wrong}");
         assert_eq!(said.contains(&format!("set/{name}: 8 samples")), k >= 2, "{said}");
+    }
+    let output = folder.gelsim("report set").output().expect("it runs");
+    let wrong = String::from_utf8(output.stderr).expect("UTF-8");
+    assert_eq!((output.status.code(), &*output.stdout), (Some(2), &b"set/report.html\n"[..]), "{wrong}");
+    let page = folder.read("set/report.html");
+    for (k, name) in names.iter().enumerate() {
+        assert_eq!(wrong.contains(&format!("set/{name} is no dataset")), k < 2, "{wrong}");
+        assert_eq!(page.contains(&format!("href=\"{name}/report.html\"")), k >= 2);
     }
 }
 

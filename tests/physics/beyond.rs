@@ -263,6 +263,40 @@ fn what_ends_in_the_window_has_nothing_beyond() {
 }
 
 #[test]
+fn a_ball_has_its_force_however_far_it_presses_from_the_view_and_from_another() {
+    let [rig, _] = rigs([[80, 60]; 2], 0.25, 0.48, 3.0);
+    let Shape { vertices, triangles } = Shape::ball_around_origin(4.0, 128, 64);
+    let force = |balls_mm: &[f64], x: f64, y: f64| {
+        let moved = |along: f64| vertices.iter().map(move |[x, y, z]| [x + along, *y, *z]);
+        let count = vertices.len();
+        let numbered = |ball: usize| triangles.iter().map(move |corners| corners.map(|k| k + (ball * count) as u32));
+        let object = Shape {
+            vertices: balls_mm.iter().flat_map(|along| moved(*along)).collect(),
+            triangles: (0..balls_mm.len()).flat_map(numbered).collect(),
+        };
+        let indenter = flat(x, y, 0.0, 0.5).indenter(&Arc::new(object.clusters()));
+        press(&rig, &indenter, true).total.total_force_n.expect("solved")
+    };
+    let alone = force(&[0.0], 0.0, 0.0);
+    for (x, y) in [(17.0, 0.0), (30.0, -20.0), (60.0, 0.0), (0.0, 110.0), (-200.0, 150.0), (700.0, 0.0), (0.0, 5e3)] {
+        let found = force(&[0.0], x, y);
+        assert!((found / alone - 1.0).abs() < 0.02, "{found} N at {x}, {y} mm, in view {alone} N");
+    }
+    for (balls_mm, x) in [
+        (&[-50.0, 50.0][..], 0.0),
+        (&[-50.0, 50.0], 50.0),
+        (&[-300.0, 300.0], 0.0),
+        (&[-300.0, 300.0], -300.0),
+        (&[-2000.0, 2000.0], 2000.0),
+        (&[-400.0, -100.0, 100.0, 400.0], 100.0),
+        (&[-400.0, -30.0, 30.0, 400.0], 0.0),
+    ] {
+        let share = force(balls_mm, x, 0.0) / alone / balls_mm.len() as f64;
+        assert!((share - 1.0).abs() < 0.03, "balls at {balls_mm:?}, {x} mm: {share} of the force");
+    }
+}
+
+#[test]
 fn a_height_map_says_what_it_cannot_know() {
     let [rig, _] = rigs([[40, 30]; 2], 0.5, 0.48, 3.0);
     for (columns, cut_by_view) in [(10..30, false), (0..20, true)] {

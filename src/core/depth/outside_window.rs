@@ -46,6 +46,12 @@ impl RectMm {
         Self { min: self.min.map(|low| low - mm), max: self.max.map(|high| high + mm) }
     }
 
+    /// Returns the smallest rectangle around both.
+    pub fn union(self, other: Self) -> Self {
+        let min = std::array::from_fn(|k| self.min[k].min(other.min[k]));
+        Self { min, max: std::array::from_fn(|k| self.max[k].max(other.max[k])) }
+    }
+
     /// Returns the part that both rectangles have in common.
     pub fn intersection(self, other: Self) -> Self {
         let min = std::array::from_fn(|k| self.min[k].max(other.min[k]));
@@ -131,17 +137,28 @@ impl<'a> OutsideCapture<'a> {
         }
         let window = RectMm::around_view(view, margin_px);
         let placement = indenter.pose.placement();
-        if window.contains(object_extent_below(0.0, object, &placement, Some(window))) {
+        let mut extent = RectMm::EMPTY;
+        visit_extents_below(0.0, object, &placement, Some(window), |part| extent = extent.union(part));
+        if window.contains(extent) {
             return None;
         }
         let Indenter { pose, depth_mm, .. } = indenter;
         Some(Self { object, pose, depth_mm: *depth_mm, texture, drop_mm, thickness_mm, view })
     }
 
-    /// Returns the smallest rectangle around all of the object that lies lower than `above_mm` over the undeformed
-    /// pad's highest point.
-    pub fn extent_below(&self, above_mm: f64) -> RectMm {
-        object_extent_below(above_mm, self.object, &self.pose.placement(), None)
+    /// Returns rectangles around all of the object that lies lower than `above_mm` over the undeformed pad's highest
+    /// point, each more than `gap_mm` from the others.
+    pub fn patches_below(&self, above_mm: f64, gap_mm: f64) -> Vec<RectMm> {
+        let mut patches: Vec<RectMm> = Vec::new();
+        visit_extents_below(above_mm, self.object, &self.pose.placement(), None, |part| {
+            let mut patch = part;
+            let is_near = |patch: RectMm, other: &RectMm| !patch.grown(gap_mm).intersection(*other).is_empty();
+            while let Some(near) = patches.iter().position(|other| is_near(patch, other)) {
+                patch = patch.union(patches.swap_remove(near));
+            }
+            patches.push(patch);
+        });
+        patches
     }
 
     /// Returns how deep the object reaches below the undeformed pad, mm.
@@ -208,9 +225,15 @@ impl<'a> OutsideCapture<'a> {
     }
 }
 
-/// Returns the smallest rectangle around the parts of an object that lie lower than `above_mm` over the undeformed pad.
-/// With `out_of`, parts that lie completely within that area may be left out.
-fn object_extent_below(above_mm: f64, object: &Clusters, placement: &Placement, out_of: Option<RectMm>) -> RectMm {
+/// Visits the smallest rectangle around what lies lower than `above_mm` over the undeformed pad of each triangle of an
+/// object. With `out_of`, parts that lie completely within that area may be left out.
+fn visit_extents_below(
+    above_mm: f64,
+    object: &Clusters,
+    placement: &Placement,
+    out_of: Option<RectMm>,
+    mut visit: impl FnMut(RectMm),
+) {
     let Placement { rotation, translation_mm } = placement;
     let centre = object.centre_mm();
     let mut offset: [f64; 3] =
@@ -227,7 +250,6 @@ fn object_extent_below(above_mm: f64, object: &Clusters, placement: &Placement, 
         let own = RectMm { min: along.map(|(low, _)| low), max: along.map(|(_, high)| high) };
         reach(2, min, max).0 < 0.0 && out_of.is_none_or(|area| !area.contains(own))
     };
-    let mut found = RectMm::EMPTY;
     object.query(may_count, |part| {
         let place = |at: u8| -> [f64; 3] {
             let vertex = [part.x, part.y, part.z].map(|along| f64::from(along[usize::from(at)]));
@@ -235,6 +257,7 @@ fn object_extent_below(above_mm: f64, object: &Clusters, placement: &Placement, 
         };
         for corners in part.corners {
             let [a, b, c] = corners.map(place);
+            let mut found = RectMm::EMPTY;
             for (from, to) in [(a, b), (b, c), (c, a)] {
                 if from[2] < 0.0 {
                     found.add_point([from[0], from[1]]);
@@ -244,7 +267,9 @@ fn object_extent_below(above_mm: f64, object: &Clusters, placement: &Placement, 
                     found.add_point([0, 1].map(|k| from[k] + share * (to[k] - from[k])));
                 }
             }
+            if !found.is_empty() {
+                visit(found);
+            }
         }
     });
-    found
 }

@@ -25,22 +25,25 @@ pub struct OutsideWindow {
     pub converged: bool,
 }
 
-/// Number of cells along the longer side of a contact whose area is measured.
+/// Number of cells along the longer side of a patch of contact whose area is measured.
 const CELLS_PER_SIDE: f64 = 256.0;
 
 impl OutsideWindow {
     /// Measures where an object reaches below the undeformed pad outside the view and `margin_px` around it, for models
     /// that compute no pressure.
     pub(crate) fn from_penetration(around: &OutsideCapture<'_>, margin_px: usize) -> Self {
-        let touching = around.extent_below(0.0);
-        // The lower limit avoids a division by 0 for a contact in a single point.
-        let cell_size_mm = touching.longer_side_mm().max(f64::from(f32::MIN_POSITIVE)) / CELLS_PER_SIDE;
-        let cells = CellGrid::covering(touching, cell_size_mm, 0);
-        let (window, depths) = (RectMm::around_view(around.view(), margin_px), around.capture_depths(&cells));
+        let window = RectMm::around_view(around.view(), margin_px);
         let mut area_mm2 = 0.0;
-        for y in 0..depths.height {
-            for (x, _) in depths.row(y).iter().enumerate().filter(|(_, mm)| **mm > 0.0) {
-                area_mm2 += (1.0 - window.cell_share(&cells, x, y)) * cell_size_mm * cell_size_mm;
+        // Patches that are far from each other have grids of their own.
+        for patch in around.patches_below(0.0, window.longer_side_mm()) {
+            // The lower limit avoids a division by 0 for a contact in a single point.
+            let cell_size_mm = patch.longer_side_mm().max(f64::from(f32::MIN_POSITIVE)) / CELLS_PER_SIDE;
+            let cells = CellGrid::covering(patch, cell_size_mm, 0);
+            let depths = around.capture_depths(&cells);
+            for y in 0..depths.height {
+                for (x, _) in depths.row(y).iter().enumerate().filter(|(_, mm)| **mm > 0.0) {
+                    area_mm2 += (1.0 - window.cell_share(&cells, x, y)) * cell_size_mm * cell_size_mm;
+                }
             }
         }
         Self { displacement: None, object_displacement: None, force_n: None, area_mm2, converged: true }

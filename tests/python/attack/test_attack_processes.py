@@ -73,7 +73,9 @@ for number in range(25):
     "that generates": """
 gelsim.generate(JOB, "before", threads=2)
 children(3, lambda number: (gelsim.generate(JOB, f"forked-{number}"), 0)[1])
-assert gelsim.load("forked-0").fingerprint == gelsim.load("before").fingerprint
+import json
+before, after = (json.load(open(f"{name}/dataset.json")) for name in ("before", "forked-0"))
+assert before["fingerprint"] == after["fingerprint"]
 """,
     "that is killed": BEGUN + """
 child = os.fork()

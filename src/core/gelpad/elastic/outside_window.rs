@@ -1,9 +1,11 @@
 //! The contact outside the captured window: its force, and the displacement that it causes in the window.
 //!
 //! The contact is solved on grids of square cells that get larger with the distance from the window. Each grid reaches
-//! further and is coarser than the one before; the last one contains all of the object. From the widest grid inwards,
+//! further and is coarser than the one before; the last one contains all of the contact. From the widest grid inwards,
 //! each grid's pressure outside the next one is taken as given, and its displacement is subtracted from the penetration
 //! there. The window itself comes last; it is then solved under the load outside instead of without it.
+//!
+//! Contact so far away that it displaces nothing in the window has grids of its own.
 
 use std::sync::Arc;
 
@@ -65,6 +67,8 @@ struct GridLevel {
     inner: RectMm,
     /// Outside this rectangle, a wider grid determines the pressure.
     outer: RectMm,
+    /// True if the pressure displaces nothing elsewhere.
+    is_far: bool,
     cells: CellGrid,
     /// Index of the cells' size.
     size_number: usize,
@@ -83,16 +87,17 @@ impl ElasticPad {
         let (mut force, mut area_mm2, mut converged) = (0.0, 0.0, true);
         // Displacements of the pad and of a deformable object.
         let (mut field, mut object_field): (Option<CellField>, Option<CellField>) = (None, None);
-        for GridLevel { inner, outer, cells, size_number } in
-            self.grid_levels(window, around.extent_below(BULGE_SHARE * around.depth_mm())).iter().rev()
-        {
-            let mut penetration = around.capture_penetration(cells);
+        let [near, far] = self.divide_contact(around, window);
+        let levels = self.grid_levels(window, near.into_iter().fold(RectMm::EMPTY, RectMm::union));
+        let far = far.into_iter().map(|patch| self.grid_of_patch(window, patch));
+        for GridLevel { inner, outer, is_far, cells, size_number } in far.chain(levels.into_iter().rev()) {
+            let mut penetration = around.capture_penetration(&cells);
             for field in field.iter().chain(&object_field) {
                 let given = field.sample_pixels(cells.corner_mm, [cells.cell_size_mm; 2], cells.count);
                 penetration.data.iter_mut().zip(&given.data).for_each(|(g, w)| *g -= w);
             }
             let deepest = penetration.largest(|g| g);
-            let pad = self.with_cell_grid(*size_number, cells.cell_size_mm, f64::from(deepest));
+            let pad = self.with_cell_grid(size_number, cells.cell_size_mm, f64::from(deepest));
             let both = self.object_compliance().map(|object| pad.with_object(object, [MAX_CELLS; 2]));
             let solution = both.as_ref().unwrap_or(&pad).solve_contact(&penetration, &mut [], Rect::default(), None);
             converged &= solution.converged;
@@ -103,19 +108,22 @@ impl ElasticPad {
             for y in 0..pressure.height {
                 for (x, p) in pressure.row_mut(y).iter_mut().enumerate() {
                     if *p > 0.0 {
-                        let within = inner.cell_share(cells, x, y);
+                        let within = inner.cell_share(&cells, x, y);
                         // A wider grid counts the contact outside of this one.
-                        let own = (outer.cell_share(cells, x, y) - within).max(0.0) * area;
+                        let own = (outer.cell_share(&cells, x, y) - within).max(0.0) * area;
                         force += f64::from(*p) * own;
                         area_mm2 += own;
                         *p *= (1.0 - within) as f32;
                     }
                 }
             }
-            field = Some(pad.displace_cells(&pad.response, (cells, &pressure), *inner).add_wider(field));
+            if is_far {
+                continue;
+            }
+            field = Some(pad.displace_cells(&pad.response, (&cells, &pressure), inner).add_wider(field));
             if let Some(object) = self.object_compliance() {
                 let alone = pad.response.object_alone(object, [MAX_CELLS; 2]);
-                object_field = Some(pad.displace_cells(&alone, (cells, &pressure), *inner).add_wider(object_field));
+                object_field = Some(pad.displace_cells(&alone, (&cells, &pressure), inner).add_wider(object_field));
             }
         }
         let count = around.view().resolution_px.map(|px| px + 2 * self.margin_px);
@@ -128,9 +136,38 @@ impl ElasticPad {
         OutsideWindow { displacement, object_displacement, force_n, area_mm2, converged }
     }
 
+    /// Divides the contact into patches that reach each other and the window, and those that displace nothing but
+    /// themselves.
+    fn divide_contact(&self, around: &OutsideCapture<'_>, window: RectMm) -> [Vec<RectMm>; 2] {
+        // An elastic object carries displacements further than the pad.
+        let reach = if self.object_compliance().is_some() { f64::INFINITY } else { REACH * self.layer.thickness_mm };
+        let mut near = Vec::new();
+        let mut far = around.patches_below(BULGE_SHARE * around.depth_mm(), reach);
+        let mut area = window;
+        // The grids of what is near contain the window and a rectangle around all of it.
+        while let Some(k) = far.iter().position(|patch| !patch.grown(reach).intersection(area).is_empty()) {
+            near.push(far.swap_remove(k));
+            area = near.iter().copied().fold(window, RectMm::union);
+        }
+        [near, far]
+    }
+
+    /// Returns the grid of a patch of contact that displaces nothing elsewhere.
+    fn grid_of_patch(&self, window: RectMm, patch: RectMm) -> GridLevel {
+        let (size_number, cell_size_mm) = self.choose_cell_size(patch.longer_side_mm() / MAX_CONTACT_CELLS);
+        let cells = CellGrid::covering(patch, cell_size_mm, BORDER_CELLS);
+        GridLevel { inner: window, outer: RectMm::EVERYWHERE, is_far: true, cells, size_number }
+    }
+
+    /// Returns the number of the next larger cell size, and that size, mm.
+    fn choose_cell_size(&self, wanted_mm: f64) -> (usize, f64) {
+        let finest = self.mm_per_px[0].min(self.mm_per_px[1]);
+        let size = (SIZES_PER_OCTAVE * libm::log2(wanted_mm / finest)).ceil().clamp(0.0, (SIZE_COUNT - 1) as f64);
+        (size as usize, finest * libm::exp2(size / SIZES_PER_OCTAVE))
+    }
+
     /// Returns the grids that are needed, from the window outwards.
     fn grid_levels(&self, window: RectMm, touching: RectMm) -> Vec<GridLevel> {
-        let finest = self.mm_per_px[0].min(self.mm_per_px[1]);
         let (mut inner, mut reach) = (window, FIRST_REACH * self.layer.thickness_mm);
         let mut levels = Vec::new();
         loop {
@@ -138,13 +175,13 @@ impl ElasticPad {
             let part = outer.intersection(touching);
             if !part.is_empty() {
                 let wanted = (part.longer_side_mm() / MAX_CONTACT_CELLS).max(outer.longer_side_mm() / MAX_GRID_CELLS);
-                let size = (SIZES_PER_OCTAVE * libm::log2(wanted / finest)).ceil().clamp(0.0, (SIZE_COUNT - 1) as f64);
-                let cell_size_mm = finest * libm::exp2(size / SIZES_PER_OCTAVE);
+                let (size_number, cell_size_mm) = self.choose_cell_size(wanted);
                 levels.push(GridLevel {
                     inner,
                     outer,
+                    is_far: false,
                     cells: CellGrid::covering(part, cell_size_mm, BORDER_CELLS),
-                    size_number: size as usize,
+                    size_number,
                 });
                 inner = outer;
             }
