@@ -384,9 +384,13 @@ def compare(chosen, runner, update):
 
 def listed(chosen):
     counts = Counter()
+    code = "".join(file.read_text() for folder in ("src", "tests") for file in sorted((ROOT / folder).rglob("*.rs")))
+    names = " ".join(re.findall(r"\b(?:fn|mod) (\w+)", code))
     for figures in chosen:
         try:
             rows = figures.old(page_path(figures.page).read_text()).values()
+            if figures.test and f" {figures.test.split('::')[-1]}" not in names:
+                raise Stale(f"no test {figures.test}")
         except Stale as why:
             counts["STALE"] += 1
             print(f"{figures.page}: STALE: {why}")

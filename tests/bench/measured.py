@@ -908,7 +908,7 @@ MILLIONTH = "continuity::a_millionth_more_of_anything_does_not_show"
 EDGE = "continuity::an_edge_that_crosses_pixel_centres_moves_by_a_row_of_pixels"
 STEPS = "sweeps::a_step_in_depth_moves_shadows_by_few_levels"
 MIRRORED = "symmetry::a_sample_mirrored_transposed_or_turned_is_the_sample_of_the_scene_that_is"
-REFERENCE_PIPELINE = "pipeline::every_level_gives_the_surface_and_the_image_of_the_f64_pipeline"
+REFERENCE_PIPELINE = "pipeline::every_linear_level_gives_the_surface_and_the_image_of_the_f64_pipeline"
 MARCHED = "stages::shadows_are_those_of_marched_rays_where_penumbras_do_not_overlap"
 
 
