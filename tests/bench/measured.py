@@ -753,7 +753,7 @@ SEQUENCE_FIGURES = [
         "lifted in the end | the work of the object | heat within {<} %,",
         HISTORY,
         "history::work_becomes_heat_on_any_path",
-        lambda output: [one(output, "heat and work of 24 paths: at most {} % apart")[0]],
+        lambda output: [one(output, "heat and work of all paths: at most {} % apart")[0]],
     ),
     sequences(
         "| a lift at 25 frames a second | 400 frames a second | heat within {<} % |",
