@@ -270,7 +270,7 @@ class Runner:
     """Runs each command once: tests together, an executable for each target, everything else in a folder of its own."""
 
     def __init__(self, program, executables, chosen):
-        self.program, self.executables = Path(program).resolve(), dict(executables)
+        self.program, self.executables = Path(program).resolve(), executables
         self.tests, self.commands, self.printed = defaultdict(set), {}, {}
         self.failed = []
         for figures in chosen:
@@ -304,12 +304,12 @@ class Runner:
     def run_tests(self, target, thorough):
         if target not in self.executables:
             self.executables.update(built())
-        line = [str(self.executables[target]), *sorted(self.tests[target, thorough]), "--nocapture", "--test-threads=1"]
+        words = [*sorted(self.tests[target, thorough]), "--nocapture", "--test-threads=1"]
         environment = {**os.environ, **({"GELSIM_THOROUGH": "1"} if thorough else {})}
         what = (
             f"{len(self.tests[target, thorough])} filters of the test executable `{target}`{', thorough' if thorough else ''}"
         )
-        printed = self.started(what, line, ROOT, environment)
+        printed = "".join(self.started(what, [program, *words], ROOT, environment) for program in self.executables[target])
         # A test's name, what it prints, and how it ended.
         tests = re.split(r"(?m)^test (\S+) \.\.\. ", printed)[1:]
         ended = re.compile(r"(.*?)^(?:ok|FAILED)$", re.M | re.S)
@@ -333,14 +333,14 @@ class Runner:
 
 
 def built():
-    """The test executables, which cargo compiles if it must."""
+    """The test executables by the name of their target, `lib` for all crates, which cargo compiles if it must."""
     command = ["cargo", "test", "--release", "--locked", "--no-run", "--message-format", "json", "--lib", "--test", "library"]
     done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True)
-    found = {}
+    found = defaultdict(list)
     for message in map(json.loads, done.stdout.splitlines()):
         if message.get("executable") and message["profile"]["test"]:
             kind = message["target"]["kind"]
-            found[message["target"]["name"] if kind == ["test"] else "lib"] = message["executable"]
+            found[message["target"]["name"] if kind == ["test"] else "lib"].append(message["executable"])
     return found
 
 
@@ -426,7 +426,7 @@ def main():
     if arguments.list:
         counts = listed(chosen)
     else:
-        executables = [pair.split("=", 1) for pair in arguments.executable]
+        executables = {target: [path] for target, path in (pair.split("=", 1) for pair in arguments.executable)}
         with Runner(program[0], executables, chosen) as runner:
             counts = compare(chosen, runner, arguments.update)
             failed = runner.failed

@@ -486,7 +486,7 @@ CURVED_FIGURES = [
     ),
     curved(
         "over 0.5 rad from the LED | direction within {<} degrees |",
-        "core::optics::heat::round::tests::on_a_dome_light_comes_along_great_circles",
+        "optics::heat::round::tests::on_a_dome_light_comes_along_great_circles",
         lambda output: one(output, "farthest from a great circle: {} degrees"),
         HEAT,
     ),
@@ -756,11 +756,11 @@ SEQUENCE_FIGURES = [
         lambda output: [one(output, "heat and work of all paths: at most {} % apart")[0]],
     ),
     sequences(
-        "| a lift at 25 frames a second | 400 frames a second | heat within {<} % |",
+        "| a lift at 25 frames a second | 100 frames a second | heat within {<} % |",
         SEQUENCES,
         "sequences::what_a_lift_turns_into_heat_is_the_same_at_every_frame_rate",
         lambda output: [
-            max(100 * abs(few / many - 1) for few, many in scan(output.text, "heat of a lift {} N mm, {} at 400 frames"))
+            max(100 * abs(few / many - 1) for few, many in scan(output.text, "heat of a lift {} N mm, {} at 100 frames"))
         ],
     ),
     sequences(
