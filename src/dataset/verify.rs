@@ -147,22 +147,23 @@ fn check_shard(recorded: &RecordedDataset, shard: Shard, depth: CheckLevel) -> R
     if absent {
         return Ok(ShardCheck { shard, stats: None, sha256: None, bytes: None, findings, absent });
     }
-    if let Some(error) = &unreadable {
-        let finding = DatasetFinding::new(&*stats_name, error.to_string());
-        let is_file = paths.stats.symlink_metadata().is_ok_and(|found| found.is_file());
-        findings.push(if is_file { finding } else { finding.with_remedy(Remedy::Remove(stats_name.clone())) });
-    }
-    let mut wrong = |file: &str, what: String| findings.push(DatasetFinding::new(file, what));
-    match &stats {
-        None if unreadable.is_some() => {}
-        None if paths.stats.exists() => wrong(&stats_name, String::from("is not what was written")),
-        None => wrong(&stats_name, String::from("is missing")),
-        Some(stats) if stats.file != file => wrong(&stats_name, format!("is about {}", stats.file)),
-        Some(stats) if stats.samples != shard.samples => {
-            wrong(&stats_name, format!("counts {} samples, the job {}", stats.samples, shard.samples));
+    let damage = match (&stats, unreadable) {
+        (_, Some(error)) => Some(error.to_string()),
+        (None, None) if paths.stats.exists() => Some(String::from("is not what was written")),
+        (None, None) => Some(String::from("is missing")),
+        (Some(stats), None) if stats.file != file => Some(format!("is about {}", stats.file)),
+        (Some(stats), None) if stats.samples != shard.samples => {
+            Some(format!("counts {} samples, the job {}", stats.samples, shard.samples))
         }
-        Some(_) => {}
-    }
+        (Some(_), None) => None,
+    };
+    findings.extend(damage.map(|what| {
+        let finding = DatasetFinding::new(&*stats_name, what);
+        // No other run replaces a folder or a link.
+        let is_other = paths.stats.symlink_metadata().is_ok_and(|found| !found.is_file());
+        if is_other { finding.with_remedy(Remedy::Remove(stats_name.clone())) } else { finding }
+    }));
+    let mut wrong = |file: &str, what: String| findings.push(DatasetFinding::new(file, what));
     let (mut sha256, mut bytes) = (None, None);
     let as_long = |length: u64| stats.as_ref().is_none_or(|stats| stats.bytes == length);
     // A shard that does not have the length that was written need not be read.

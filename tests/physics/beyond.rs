@@ -8,7 +8,7 @@ use crate::shapes::Shape;
 use gelsim_core::base::grid::{Grid, Resolution};
 use gelsim_core::base::view::{SURFACE_BORDER, View};
 use gelsim_core::depth::indenter::Indenter;
-use gelsim_core::depth::outside_window::OutsideCapture;
+use gelsim_core::depth::outside_window::{MAX_PATCHES, OutsideCapture, RectMm};
 use gelsim_core::depth::{self, CaptureWindow};
 use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::total_contact::{OutsideWindow, TotalContact, measure_total_contact};
@@ -293,6 +293,33 @@ fn a_ball_has_its_force_however_far_it_presses_from_the_view_and_from_another() 
     ] {
         let share = force(balls_mm, x, 0.0) / alone / balls_mm.len() as f64;
         assert!((share - 1.0).abs() < 0.03, "balls at {balls_mm:?}, {x} mm: {share} of the force");
+    }
+}
+
+#[test]
+fn feet_without_number_are_divided_into_so_many_patches() {
+    let [rig, _] = rigs([[80, 60]; 2], 0.25, 0.48, 3.0);
+    let seen = view(&rig);
+    // A lattice of pyramids on their tips, 60 mm apart.
+    for count in [3_usize, 32, 60] {
+        let corner = [[0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [-0.5, 0.9, 1.0], [-0.5, -0.9, 1.0]];
+        let at = |n: usize| [60.0 * (n % count) as f64, 60.0 * (n / count) as f64];
+        let vertices = (0..count * count).flat_map(|n| corner.map(|[x, y, z]| [x + at(n)[0], y + at(n)[1], z]));
+        let faces = [[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]];
+        let triangles = (0..count * count).flat_map(|n| faces.map(|face| face.map(|k| (4 * n + k) as u32)));
+        let object = Shape { vertices: vertices.collect(), triangles: triangles.collect() };
+        let indenter = flat(0.0, 0.0, 0.0, 0.2).indenter(&Arc::new(object.clusters()));
+        let around = OutsideCapture::new(&indenter, None, None, 3.0, &seen, rig.margin_px()).expect("wide");
+        let patches = around.patches_below(0.0, 30.0);
+        assert!(patches.len() <= MAX_PATCHES, "{count}: {}", patches.len());
+        assert!(count == 60 || patches.len() == count * count, "{count}: {}", patches.len());
+        for foot in (0..count * count).map(at) {
+            // The bounds' centre is on the view's.
+            let middle = 30.0 * (count - 1) as f64;
+            let foot = [foot[0] - middle - 0.25, foot[1] - middle];
+            let holds = |patch: &&RectMm| (0..2).all(|k| (patch.min[k]..patch.max[k]).contains(&foot[k]));
+            assert_eq!(patches.iter().filter(holds).count(), 1, "{count}: {foot:?}");
+        }
     }
 }
 

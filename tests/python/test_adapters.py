@@ -570,15 +570,20 @@ class TestGripper:
         image = numpy.asarray(Image.open(picture).convert("RGB"))
         assert min(image.shape[:2]) > 800 and len(numpy.unique(image.reshape(-1, 3), axis=0)) > 1000
 
+    @pytest.mark.full
     def test_a_second_run_is_the_same(self, table, rows):
         assert table() == rows
 
-    @pytest.mark.parametrize("arguments, time_s", [(("--blind",), 1.9), (("--friction", "0.2"), 0.6)])
+    @pytest.mark.parametrize(
+        "arguments, time_s",
+        [pytest.param(("--blind",), 1.9, marks=pytest.mark.full), (("--friction", "0.2"), 0.6)],
+    )
     def test_without_grip_or_controller_it_is_lost(self, table, arguments, time_s):
         """It slides out of the pads, early or as they let go."""
         rows = table(*arguments)
         assert rows[-1][4] == "gross" and rows[-1][6] > 5.0 and rows[-1][0] == pytest.approx(time_s, abs=0.1)
 
+    @pytest.mark.full
     def test_at_half_the_rate_it_is_held_as_well(self, table):
         held = [row for row in table("--rate", "30") if 0.6 < row[0] < 0.95]
         assert held and all(row[3] == pytest.approx(self.WEIGHT_N / 2, rel=0.05) for row in held)

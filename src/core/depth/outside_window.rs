@@ -9,6 +9,9 @@ use crate::base::view::{SURFACE_BORDER, View};
 use crate::mesh::clusters::Clusters;
 use crate::pose::{Placement, Pose};
 
+/// Most patches into which the contact is divided, each of which takes a grid.
+pub const MAX_PATCHES: usize = 1024;
+
 /// A rectangle of the pad, mm from the centre of the view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RectMm {
@@ -147,16 +150,23 @@ impl<'a> OutsideCapture<'a> {
     }
 
     /// Returns rectangles around all of the object that lies lower than `above_mm` over the undeformed pad's highest
-    /// point, each more than `gap_mm` from the others.
-    pub fn patches_below(&self, above_mm: f64, gap_mm: f64) -> Vec<RectMm> {
+    /// point, each more than `gap_mm` from the others. Where there would be too many, the gap doubles until there are
+    /// few enough.
+    pub fn patches_below(&self, above_mm: f64, mut gap_mm: f64) -> Vec<RectMm> {
         let mut patches: Vec<RectMm> = Vec::new();
         visit_extents_below(above_mm, self.object, &self.pose.placement(), None, |part| {
-            let mut patch = part;
-            let is_near = |patch: RectMm, other: &RectMm| !patch.grown(gap_mm).intersection(*other).is_empty();
-            while let Some(near) = patches.iter().position(|other| is_near(patch, other)) {
-                patch = patch.union(patches.swap_remove(near));
+            let mut added = vec![part];
+            while let Some(mut patch) = added.pop() {
+                let is_near = |patch: RectMm, other: &RectMm| !patch.grown(gap_mm).intersection(*other).is_empty();
+                while let Some(near) = patches.iter().position(|other| is_near(patch, other)) {
+                    patch = patch.union(patches.swap_remove(near));
+                }
+                patches.push(patch);
+                if patches.len() > MAX_PATCHES {
+                    gap_mm *= 2.0;
+                    added.append(&mut patches);
+                }
             }
-            patches.push(patch);
         });
         patches
     }

@@ -132,6 +132,7 @@ impl Document {
         // After a slip in a table's header, its keys count to the table before. Such duplicate keys are not the user's
         // error, so they are reported only if there is nothing else.
         let doubles = errors.iter().all(is_duplicate);
+        let line_ends: Vec<usize> = text.match_indices('\n').map(|(end, _)| end).collect();
         let mut lines = None;
         let mut slips = 0;
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
@@ -141,8 +142,7 @@ impl Document {
             let span = error.span().unwrap_or(0..text.len());
             let place = SourceSpan { source, start: span.start, end: span.end };
             // One error per line is enough: the others on the line follow from it.
-            let before = &text.as_bytes()[..span.start.min(text.len())];
-            let line = before.iter().filter(|byte| **byte == b'\n').count();
+            let line = line_ends.partition_point(|end| *end < span.start);
             if !is_duplicate(&error) && lines.replace(line) == Some(line) {
                 continue;
             }
