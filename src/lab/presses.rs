@@ -7,7 +7,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use gelsim_files::csv_table::{self, TableRow, cell_place, line_place, row_place};
+use gelsim_files::csv_table::{self, LineStarts, TableRow, cell_place, row_place};
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::input;
@@ -63,6 +63,7 @@ pub struct PressTable {
     /// What gives an image its circle, for messages.
     pub circle_advice: &'static str,
     source: SourceText,
+    lines: LineStarts,
     /// Names in the first line that are not those of a column.
     unknown: Vec<String>,
     /// Which columns the table has.
@@ -73,7 +74,7 @@ impl PressTable {
     /// Returns a mistake in the row on `line` that was found later, to be collected and shown by
     /// [`PressTable::report`].
     pub fn row_problem(&self, line: u64, message: impl Into<String>) -> Diagnostic {
-        Diagnostic::new(message).at(line_place(&self.source.text, line))
+        Diagnostic::new(message).at(self.lines.line_place(&self.source.text, line))
     }
 
     /// Returns true if the table has the column, or for the size of a pixel those of its width and height.
@@ -121,6 +122,7 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<PressTable, Report> {
             background: None,
             notes: Vec::new(),
             circle_advice: "write the circle into the table",
+            lines: LineStarts::find(&source.text),
             source,
             unknown,
             columns: places.map(|place| place.is_some()),

@@ -118,6 +118,25 @@ fn ten_thousand_objects_of_one_name_are_named_in_no_time() {
 }
 
 #[test]
+fn tables_of_a_hundred_thousand_presses_are_refused_for_their_mistakes() {
+    let folder = Folder::new();
+    for (cells, words) in [
+        ("1,1,1,4", "99999 images"),
+        ("1,1,1,-4", "99999 rows have a `ball_radius_mm`"),
+        ("x,1,1,4", "99999 rows have a `centre_x_px`"),
+    ] {
+        let rows: String = (0..99_999).fold(String::new(), |mut text, i| {
+            let _ = writeln!(text, "no{i}.png,{cells}");
+            text
+        });
+        folder.write("presses.csv", format!("file,centre_x_px,centre_y_px,radius_px,ball_radius_mm\n{rows}"));
+        let output = folder.gelsim("calibrate presses.csv --background none.png --out sensor.toml");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(words), "{cells}: {said}");
+    }
+}
+
+#[test]
 fn what_is_no_regular_file_is_not_read() {
     let folder = Folder::new();
     let said = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();

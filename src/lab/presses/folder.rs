@@ -12,7 +12,7 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use gelsim_files::csv_table::{self, TableRow};
+use gelsim_files::csv_table::{self, LineStarts, TableRow};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::input;
 use gelsim_files::npz::Npz;
@@ -307,6 +307,7 @@ impl<'a> FolderTable<'a> {
             background: Some(self.background),
             notes,
             circle_advice,
+            lines: LineStarts::find(&self.source.text),
             source: self.source,
             unknown: Vec::new(),
             columns: [true; COLUMNS.len()],
