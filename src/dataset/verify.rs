@@ -159,7 +159,7 @@ fn check_shard(recorded: &RecordedDataset, shard: Shard, depth: CheckLevel) -> R
     };
     findings.extend(damage.map(|what| {
         let finding = DatasetFinding::new(&*stats_name, what);
-        // No other run replaces a folder or a link.
+        // A run writes over a file alone: what else stands there must go first.
         let is_other = paths.stats.symlink_metadata().is_ok_and(|found| !found.is_file());
         if is_other { finding.with_remedy(Remedy::Remove(stats_name.clone())) } else { finding }
     }));

@@ -61,22 +61,6 @@ pub fn row_place(text: &str, start: usize) -> SourceSpan {
     SourceSpan { source: 0, start, end: start + length }
 }
 
-/// Where each line of a text begins, for messages about any number of them.
-#[derive(Clone, Debug)]
-pub struct LineStarts(Vec<usize>);
-
-impl LineStarts {
-    /// Finds the lines of a text.
-    pub fn find(text: &str) -> Self {
-        Self(iter::once(0).chain(text.match_indices('\n').map(|(end, _)| end + 1)).collect())
-    }
-
-    /// Returns the place of the line number `line` of the same text, counted from 1.
-    pub fn line_place(&self, text: &str, line: u64) -> SourceSpan {
-        row_place(text, self.0.get(line.saturating_sub(1) as usize).map_or(text.len(), |start| *start))
-    }
-}
-
 /// Returns the place of the cell number `index` of the record that begins at `start`, its quotes included.
 pub fn cell_place(text: &str, start: usize, index: usize) -> SourceSpan {
     let (mut quoted, mut from, mut left) = (false, start, index);

@@ -7,11 +7,11 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use gelsim_files::csv_table::{self, LineStarts, TableRow, cell_place, row_place};
+use gelsim_files::csv_table::{self, TableRow, cell_place, row_place};
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::input;
-use gelsim_files::source::SourceText;
+use gelsim_files::source::{LineStarts, SourceText};
 use gelsim_files::spelling::find_nearest_name;
 use gelsim_files::spelling::join_alternatives;
 
@@ -74,7 +74,7 @@ impl PressTable {
     /// Returns a mistake in the row on `line` that was found later, to be collected and shown by
     /// [`PressTable::report`].
     pub fn row_problem(&self, line: u64, message: impl Into<String>) -> Diagnostic {
-        Diagnostic::new(message).at(self.lines.line_place(&self.source.text, line))
+        Diagnostic::new(message).at(self.lines.place(line))
     }
 
     /// Returns true if the table has the column, or for the size of a pixel those of its width and height.

@@ -297,7 +297,7 @@ fn a_ball_has_its_force_however_far_it_presses_from_the_view_and_from_another() 
 }
 
 #[test]
-fn feet_without_number_are_divided_into_so_many_patches() {
+fn any_number_of_feet_is_divided_into_as_many_patches_as_there_may_be() {
     let [rig, _] = rigs([[80, 60]; 2], 0.25, 0.48, 3.0);
     let seen = view(&rig);
     // A lattice of pyramids on their tips, 60 mm apart.

@@ -153,9 +153,9 @@ impl<'a> OutsideCapture<'a> {
     /// point, each more than `gap_mm` from the others. Where there would be too many, the gap doubles until there are
     /// few enough.
     pub fn patches_below(&self, above_mm: f64, mut gap_mm: f64) -> Vec<RectMm> {
-        let mut patches: Vec<RectMm> = Vec::new();
+        let (mut patches, mut added): (Vec<RectMm>, Vec<RectMm>) = Default::default();
         visit_extents_below(above_mm, self.object, &self.pose.placement(), None, |part| {
-            let mut added = vec![part];
+            added.push(part);
             while let Some(mut patch) = added.pop() {
                 let is_near = |patch: RectMm, other: &RectMm| !patch.grown(gap_mm).intersection(*other).is_empty();
                 while let Some(near) = patches.iter().position(|other| is_near(patch, other)) {

@@ -11,7 +11,7 @@ use toml::de::{DeTable, DeValue};
 use super::syntax_help;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics};
 use gelsim_files::sensor::random::SensorDistribution;
-use gelsim_files::source::{SourceSpan, SourceText};
+use gelsim_files::source::{LineStarts, SourceSpan, SourceText};
 
 /// The beginning of the job.toml of a dataset; a version follows. Such a file may be as large as its objects need.
 pub const RESOLVED_HEADER: &str = "# The job of this dataset with every default written out, resolved by gelsim";
@@ -132,8 +132,8 @@ impl Document {
         // After a slip in a table's header, its keys count to the table before. Such duplicate keys are not the user's
         // error, so they are reported only if there is nothing else.
         let doubles = errors.iter().all(is_duplicate);
-        let line_ends: Vec<usize> = text.match_indices('\n').map(|(end, _)| end).collect();
-        let mut lines = None;
+        let lines = LineStarts::find(&text);
+        let mut last_line = None;
         let mut slips = 0;
         for error in errors.into_iter().filter(|error| doubles || !is_duplicate(error)) {
             if problems.is_full() {
@@ -142,8 +142,8 @@ impl Document {
             let span = error.span().unwrap_or(0..text.len());
             let place = SourceSpan { source, start: span.start, end: span.end };
             // One error per line is enough: the others on the line follow from it.
-            let line = line_ends.partition_point(|end| *end < span.start);
-            if !is_duplicate(&error) && lines.replace(line) == Some(line) {
+            let line = lines.number_at(span.start);
+            if !is_duplicate(&error) && last_line.replace(line) == Some(line) {
                 continue;
             }
             if !is_duplicate(&error) {

@@ -12,11 +12,11 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use gelsim_files::csv_table::{self, LineStarts, TableRow};
+use gelsim_files::csv_table::{self, TableRow};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::input;
 use gelsim_files::npz::Npz;
-use gelsim_files::source::SourceText;
+use gelsim_files::source::{LineStarts, SourceText};
 use serde::Deserialize;
 
 use super::{COLUMNS, Circle, MAX_BYTES, MAX_PRESSES, PressRow, PressTable, TABLE_FORM, report_repetition};

@@ -7,10 +7,10 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::contact_curve::ForceIndenter;
-use gelsim_files::csv_table::{self, LineStarts, TableRow, row_place};
+use gelsim_files::csv_table::{self, TableRow, row_place};
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report, user_error};
 use gelsim_files::input;
-use gelsim_files::source::SourceText;
+use gelsim_files::source::{LineStarts, SourceText};
 use gelsim_files::spelling::{find_nearest_name, join_alternatives};
 
 /// Largest size of a table, bytes.
@@ -275,7 +275,7 @@ fn check_signs(presses: &[ForcePress], text: &str, problems: &mut Diagnostics) {
         let largest = press.rows.iter().map(|row| row.force_n.abs()).fold(0.0, f64::max);
         for row in press.rows.iter().filter(|row| row.force_n < -NOISE_SHARE * largest) {
             let message = format!("`force_n` is {}; it is above 0 where the indenter is pressed", row.force_n);
-            let problem = Diagnostic::new(message).at(lines.line_place(text, row.line));
+            let problem = Diagnostic::new(message).at(lines.place(row.line));
             let help = "turn the sign of the column, or remove the rows in which the indenter is pulled";
             problems.push(problem.about(format!("line {}", row.line), "rows have a force below 0").help(help));
             if problems.is_full() {
