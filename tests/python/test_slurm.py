@@ -69,7 +69,11 @@ class Slurm:
         self.start("munged", "--foreground", "--force", f"--socket={self.root}/munge.socket", *files)
         wait(lambda: (self.root / "munge.socket").exists(), "munge")
         self.start("slurmctld", "-D", "-c")
-        for node in NODES:
+        self.start_nodes(NODES)
+
+    def start_nodes(self, nodes):
+        """Starts the daemons of nodes; a node that was down returns to service when its daemon registers."""
+        for node in nodes:
             self.start("slurmd", "-D", "-N", node, name=node)
         wait(lambda: self.ask("sinfo", "-h", "-o", "%T %D").split() == ["idle", "3"], "three idle nodes")
 
@@ -181,8 +185,7 @@ def test_tasks_of_a_lost_node_go_on_elsewhere(slurm, folder, reference):
     again = [task for task in tasks if task["Restarts"] != "0"]
     assert again and node not in {task["NodeList"] for task in again}
     assert_same(folder / "out", reference)
-    slurm.start("slurmd", "-D", "-N", node, name=node)
-    slurm.ask("scontrol", "update", f"nodename={node}", "state=resume")
+    slurm.start_nodes([node])
 
 
 def test_an_array_that_was_cancelled_goes_on_when_it_is_submitted_again(slurm, folder, reference):
