@@ -342,6 +342,10 @@ def read_manifest(path: Path) -> dict[str, Any]:
             raise UsageError(f"{path} is not complete, it has no dataset.json: {finish}") from None
         what = "is no dataset of gelsim: it has no dataset.json" if path.is_dir() else "is no folder"
         raise UsageError(f"{path} {what}; `gelsim generate JOB --out FOLDER` writes one") from None
+    except NotADirectoryError:
+        around = [each for each in path.parents if (each / file.name).is_file() or (each / SET_FILE).is_file()]
+        whole = f", {around[0]}" if around else " that `gelsim generate` wrote"
+        raise UsageError(f"{path} is a file; give the folder{whole}") from None
     except OSError as error:
         help = "; make it readable, as with `chmod a+r`" if isinstance(error, PermissionError) else ""
         raise UsageError(f"{file}: {error.strerror}{help}") from None

@@ -179,14 +179,14 @@ def array(name: str, given: ArrayLike, numpy: Any) -> Any:
     # Of another class numpy would take items for ever.
     if not isinstance(given, (list, tuple)) and not hasattr(given, "__array__"):
         raise TypeError(f"{name} is {kind(given)}; give an array (N, 3)")
+    if isinstance(given, numpy.ma.MaskedArray):
+        raise TypeError(f"{name} is a masked array; leave out what is masked")
     try:
         found = numpy.asarray(given)
     except (TypeError, ValueError, OverflowError) as error:
         raise TypeError(f"{name} is no array (N, 3): it is {kind(given)}") from error
     if found.dtype == object:
         raise TypeError(f"{name} holds objects; give an array (N, 3) of numbers")
-    if isinstance(found, numpy.ma.MaskedArray):
-        raise TypeError(f"{name} is a masked array; leave out what is masked")
     if found.ndim != 2 or found.shape[1] != 3:
         raise UsageError(f"{name} has the shape {found.shape}; give an array (N, 3)")
     return found

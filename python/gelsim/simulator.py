@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union, cast
 
@@ -298,6 +298,8 @@ class Simulator:
         self._engine = Engine(made, fidelity, size_px, set, flow)
         # A copy: who changes `set` later does not change what is pickled.
         self._given = (made, fidelity, size_px, plain(set), flow)
+        # What the last `reset` said, if there was one.
+        self._begun: Optional[dict[str, Any]] = None
 
     def press(
         self,
@@ -356,6 +358,7 @@ class Simulator:
         friction = checks.optional("friction", friction, 0.0, 10.0)
         checks.done()
         self._engine.reset(friction, index, seed)
+        self._begun = {"friction": friction, "index": index, "seed": seed}
 
     def step(
         self,
@@ -380,9 +383,12 @@ class Simulator:
         return step_each([self], [(indenter, pose, texture)], duration_s, None)[0]
 
     def copy(self) -> Simulator:
-        """Another simulator of the same sensor at the same level: the costly part is shared, the sequence is its own."""
+        """Another simulator of the same sensor at the same level: the costly part is shared. Its sequence is its own, and
+        begins as the last `reset` said."""
         other = Simulator.__new__(Simulator)
-        other._given, other._engine = self._given, self._engine.copy()
+        other._given, other._engine, other._begun = self._given, self._engine.copy(), None
+        if self._begun is not None:
+            other.reset(**self._begun)
         return other
 
     @property
@@ -426,7 +432,7 @@ class Simulator:
         return self.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return rebuilt, self._given
+        return rebuilt, (*self._given, self._begun)
 
 
 class Array:
@@ -490,7 +496,7 @@ class Array:
 
     def step(
         self,
-        indenters: Union[Indenter, list[Indenter]],
+        indenters: Union[Indenter, list[Mesh], list[str], list[Indenter]],
         poses: Union[Pose, Placement, Sequence[Union[Pose, Placement]]],
         *,
         texture: Optional[Texture] = None,
@@ -513,10 +519,14 @@ class Array:
     def __getitem__(self, number: int) -> Simulator:
         return self._simulators[number]
 
+    def __iter__(self) -> Iterator[Simulator]:
+        return iter(self._simulators)
+
     def __reduce__(self) -> tuple[Any, ...]:
         # One of each kind, as often as there are such sensors: pickled or copied, it is still one.
         kinds = {id(simulator._given): simulator for simulator in reversed(self._simulators)}
-        return array_of, ([kinds[id(simulator._given)] for simulator in self._simulators], self._threads)
+        begun = [simulator._begun for simulator in self._simulators]
+        return array_of, ([kinds[id(simulator._given)] for simulator in self._simulators], self._threads, begun)
 
     def __repr__(self) -> str:
         return f"<gelsim.Array of {len(self)}: {', '.join(sorted({simulator.sensor.name for simulator in self._simulators}))}>"
@@ -549,9 +559,15 @@ def step_each(
     return [Impression(pressing) for pressing in step_all(engines, steps, duration_s, threads)]
 
 
-def array_of(simulators: list[Simulator], threads: Optional[int]) -> Array:
+def array_of(
+    simulators: list[Simulator], threads: Optional[int], begun: Sequence[Optional[dict[str, Any]]] = ()
+) -> Array:
     """An array in another process, or a copy."""
-    return Array(simulators, threads=threads)
+    made = Array(simulators, threads=threads)
+    for simulator, settings in zip(made._simulators, begun):
+        if settings is not None:
+            simulator.reset(**settings)
+    return made
 
 
 def plain(given: Any) -> Any:
@@ -566,10 +582,18 @@ def plain(given: Any) -> Any:
 
 
 def rebuilt(
-    sensor: Sensor, fidelity: str, resolution_px: Optional[tuple[int, int]], set: Any, flow: bool
+    sensor: Sensor,
+    fidelity: str,
+    resolution_px: Optional[tuple[int, int]],
+    set: Any,
+    flow: bool,
+    begun: Optional[dict[str, Any]] = None,
 ) -> Simulator:
     """A simulator in another process."""
-    return Simulator(sensor, fidelity, resolution_px=resolution_px, set=set, flow=flow)
+    made = Simulator(sensor, fidelity, resolution_px=resolution_px, set=set, flow=flow)
+    if begun is not None:
+        made.reset(**begun)
+    return made
 
 
 def sensor_of(given: Union[Sensor, str, PathLike[str]]) -> Sensor:

@@ -1,9 +1,10 @@
 //! `gelsim.Job`: a job as a map-style dataset, which renders samples when they are asked for.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use gelsim_core::fidelity::Fidelity;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_files::diagnostic::{Diagnostic, Report};
 use gelsim_job::config::Overrides;
@@ -51,8 +52,14 @@ pub struct Job {
     plan: Arc<Plan>,
     /// The plan as text, to rebuild it in another process.
     text: String,
+    /// The file, of a job of several sensors, whose plan no text holds.
+    file: Option<JobFile>,
     threads: Option<usize>,
 }
+
+/// The arguments of `Job.load`, but for the threads.
+#[derive(Clone, IntoPyObject)]
+struct JobFile(PathBuf, Option<u64>, Option<u64>, Option<&'static str>, bool, Vec<String>);
 
 /// A rendered sample, without Python objects.
 enum RenderedSample {
@@ -120,6 +127,17 @@ pub fn job_of_text(py: Python<'_>, text: &Bound<'_, PyAny>, threads: OptionalArg
     Job::new(py, threads, || Plan::read("the pickled job", text, Path::new(""), &Overrides::default()))
 }
 
+/// Reads a job of several sensors again, in another process.
+#[pyfunction]
+#[pyo3(name = "_job_of_file")]
+pub fn job_of_file(py: Python<'_>, file: &Bound<'_, PyTuple>, threads: OptionalArgument<'_, '_>) -> PyResult<Job> {
+    let [path, samples, seed, fidelity, all_effects, set] = [0, 1, 2, 3, 4, 5].map(|k| file.get_item(k));
+    let (path, all_effects, set) = (path?, all_effects?, set?);
+    let [samples, seed, fidelity] =
+        [samples?, seed?, fidelity?].map(|given| Some(given).filter(|given| !given.is_none()));
+    Job::load(py, &path, samples.as_ref(), seed.as_ref(), fidelity.as_ref(), Some(&all_effects), Some(&set), threads)
+}
+
 impl Job {
     /// Returns the plan of the job.
     pub fn plan(&self) -> Arc<Plan> {
@@ -139,7 +157,7 @@ impl Job {
         let pool = shared_pool(py, threads)?;
         let plan = py.detach(|| pool.install(|| settle_fidelity(read()?))).map_err(|report| usage_error(&report))?;
         let text = plan.to_toml().map_err(|error| runtime_error(error.to_string()))?;
-        Ok(Self { plan: Arc::new(plan), text, threads })
+        Ok(Self { plan: Arc::new(plan), text, file: None, threads })
     }
 
     /// Returns the number of the sample that Python asks for; negative ones count from the end. Raises IndexError if
@@ -295,7 +313,17 @@ impl Job {
     ) -> PyResult<Self> {
         let path = arguments::extract_path("path", path)?;
         let overrides = extract_overrides(samples, seed, fidelity, all_effects, set)?;
-        let job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
+        let mut job = Self::new(py, threads, || Plan::load(&path, &overrides))?;
+        if job.plan.job().sensors.is_some() {
+            job.file = Some(JobFile(
+                std::path::absolute(&path)?,
+                extract_whole_number("samples", samples, ALLOWED_SAMPLES)?,
+                extract_whole_number("seed", seed, ALLOWED_SEEDS)?,
+                fidelity.map(fidelity_level).transpose()?.map(Fidelity::name),
+                extract_flag("all_effects", all_effects)?,
+                extract_assignments("set", set)?,
+            ));
+        }
         let pool = shared_pool(py, job.threads)?;
         let foreseen = py.detach(|| pool.install(|| preview_job(&job.plan)));
         emit_warnings(py, &foreseen.notes)?;
@@ -397,7 +425,11 @@ impl Job {
         )
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PickleParts<'py, (&str, Option<usize>)> {
-        Ok((py.import("gelsim._native")?.getattr("_job_of_text")?, (&self.text, self.threads)))
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PickleParts<'py, Bound<'py, PyTuple>> {
+        let native = py.import("gelsim._native")?;
+        Ok(match self.file.clone() {
+            None => (native.getattr("_job_of_text")?, (&self.text, self.threads).into_pyobject(py)?),
+            Some(file) => (native.getattr("_job_of_file")?, (file, self.threads).into_pyobject(py)?),
+        })
     }
 }

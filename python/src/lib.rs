@@ -30,7 +30,7 @@ mod _native {
     #[pymodule_export]
     use crate::generate::generate;
     #[pymodule_export]
-    use crate::job::{Job, job_of_text};
+    use crate::job::{Job, job_of_file, job_of_text};
     #[pymodule_export]
     use crate::mesh::{ReadyMesh, mesh_of_arrays, mesh_of_file};
     #[pymodule_export]

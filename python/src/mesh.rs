@@ -5,7 +5,10 @@ use std::sync::Arc;
 
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::mesh::{CleanupReport, Mesh};
+use gelsim_files::diagnostic::Diagnostic;
+use gelsim_files::length::Unit;
 use gelsim_files::mesh::{self, MeshReadOptions};
+use gelsim_files::number_format::format_number;
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
@@ -18,11 +21,13 @@ pub struct ReadyMesh {
     pub clusters: Arc<Clusters>,
     triangles: usize,
     bounds_mm: [[f64; 3]; 2],
+    /// Whether its file, or who read it, says what a coordinate of 1 is.
+    states_its_unit: bool,
 }
 
 impl ReadyMesh {
     /// Prepares a mesh, and finds its bounds in the file's own coordinates.
-    fn new(mesh: &Mesh) -> Self {
+    fn new(mesh: &Mesh, states_its_unit: bool) -> Self {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for vertex in &mesh.vertices {
             for axis in 0..3 {
@@ -31,7 +36,24 @@ impl ReadyMesh {
                 bounds[1][axis] = bounds[1][axis].max(mm);
             }
         }
-        Self { clusters: Arc::new(Clusters::new(mesh)), triangles: mesh.triangles.len(), bounds_mm: bounds }
+        let clusters = Arc::new(Clusters::new(mesh));
+        Self { clusters, triangles: mesh.triangles.len(), bounds_mm: bounds, states_its_unit }
+    }
+
+    /// Warns of a mesh that is too small for a sensor with this field of view, and would fit it in metres.
+    pub fn unit_warning(&self, field_of_view_mm: [f64; 2]) -> Option<Diagnostic> {
+        let [least, most] = self.bounds_mm;
+        let longest_mm = (0..3).map(|axis| most[axis] - least[axis]).fold(0.0, f64::max);
+        match Unit::guess_from_size(1.0, longest_mm, field_of_view_mm) {
+            Some((Unit::M, mm)) if !self.states_its_unit => {
+                let [longest, likely] = [longest_mm, mm].map(format_number);
+                let message = format!("the mesh is {longest} mm long; it looks like one in metres, {likely} mm long");
+                let help = "if it is: gelsim.Mesh.load(path, mm_per_unit=1000) or gelsim.Mesh(1000 * vertices, faces); \
+                            if not, gelsim.Mesh.load(path, mm_per_unit=1) says so";
+                Some(Diagnostic::warning(message).help(help))
+            }
+            _ => None,
+        }
     }
 }
 
@@ -63,7 +85,8 @@ pub fn mesh_of_file(py: Python<'_>, path: PathBuf, mm_per_unit: Option<f64>) -> 
             let loaded = mesh::load(&path, MeshReadOptions { mm_per_unit, ..MeshReadOptions::default() });
             let loaded = loaded.map_err(|error| mistake_error(error.to_string(), error.help()))?;
             let read = loaded.remarks.iter().map(|remark| format!("{remark}; {}", remark.help()));
-            Ok((ReadyMesh::new(&loaded.mesh), collect_remarks(&loaded.cleaned, read)))
+            let states_its_unit = loaded.states_its_unit || mm_per_unit.is_some();
+            Ok((ReadyMesh::new(&loaded.mesh, states_its_unit), collect_remarks(&loaded.cleaned, read)))
         })
     })
 }
@@ -84,6 +107,6 @@ pub fn mesh_of_arrays(
     py.detach(|| {
         let help = "vertices_mm is (N, 3) in mm, faces (M, 3) counts in it from 0";
         let (mesh, cleaned) = Mesh::new(vertices, triangles).map_err(|error| mistake_error(error.to_string(), help))?;
-        Ok((ReadyMesh::new(&mesh), collect_remarks(&cleaned, std::iter::empty())))
+        Ok((ReadyMesh::new(&mesh, false), collect_remarks(&cleaned, std::iter::empty())))
     })
 }

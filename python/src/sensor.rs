@@ -531,7 +531,9 @@ impl Sensor {
         let input = DepthMaps::extract_input(depth_mm, self.itself.shape.is_some())?;
         let depth = DepthMaps::new(&input);
         let wanted = |name: &String| find_by_name("layer", name, OutputLayer::ALL.map(|layer| (layer.name(), layer)));
-        let layers = extract_texts("layers", layers)?.iter().map(wanted).collect::<PyResult<Vec<_>>>()?;
+        let names = extract_texts("layers", layers)?;
+        // Which is there without being asked for.
+        let layers = names.iter().filter(|name| *name != "tactile").map(wanted).collect::<PyResult<Vec<_>>>()?;
         let fidelity = fidelity.map(fidelity_level).transpose()?;
         let index = extract_whole_number("index", index, ALLOWED_INDICES)?.unwrap_or(0);
         let seed = extract_whole_number("seed", seed, ALLOWED_SEEDS)?.unwrap_or(0);

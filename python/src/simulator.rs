@@ -20,6 +20,7 @@ use gelsim_core::simulator::Simulator;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_dataset::frames::reader::{FrameReader, SeenFrame};
 use gelsim_dataset::frames::sequence::find_lowest_point;
+use gelsim_files::diagnostic::{Diagnostics, Report};
 use gelsim_job::label::Label;
 use gelsim_job::layers::OutputLayer;
 use gelsim_job::layout::Split;
@@ -188,6 +189,9 @@ impl Engine {
         let thickness_mm = self.plan.thickness_mm();
         if let Ok(mesh) = given.cast::<ReadyMesh>() {
             let clusters = &mesh.get().clusters;
+            let mut notes = Diagnostics::default();
+            notes.extend(mesh.get().unit_warning(self.plan.simulator.sensor().field_of_view_mm));
+            emit_warnings(py, &Report::new(&notes, &[]))?;
             let help = "pose=gelsim.Pose(0.5) presses it in by 0.5 mm, in the middle of the image";
             let place = place.ok_or_else(|| mistake_error("a mesh needs a pose", help))?;
             let object = place.place_mesh(name, clusters, &self.plan.simulator)?;

@@ -326,7 +326,8 @@ impl Calibrate {
             calibrate_with_progress(session, doubts, &request, &|done, what| bar.show((1000.0 * done) as u64, what));
         bar.end();
         let found = found.map_err(|unfit| explain_unfit(&unfit, files.len()))?;
-        said.extend(self.report_findings(find_doubts_after_fit(&found))?);
+        let is_short = request.settings.steps < TrainingSettings::default().steps;
+        said.extend(self.report_findings(find_doubts_after_fit(&found, is_short))?);
         self.write_fit(&found, &said)
     }
 
@@ -368,7 +369,7 @@ impl Calibrate {
         let large = too_large.iter().filter(|too_large| **too_large).count();
         let mut findings = Findings::default();
         findings.extend(fit::judge_leds(leds));
-        findings.extend(verdict.to_finding(large, too_large.len()));
+        findings.extend(verdict.to_finding(large, too_large.len(), false));
         let warned = session.observations.iter().zip(too_large).filter(|(_, too_large)| **too_large);
         findings.extend(warned.map(|(press, _)| OutlierReason::TooLarge.to_warning(&press.file)));
         self.report_findings(findings)?;
@@ -472,13 +473,14 @@ fn find_doubts_before_fit(
     findings
 }
 
-/// Collects what speaks against the fit, and what the fit says against its presses.
-fn find_doubts_after_fit(found: &Calibration) -> Findings {
+/// Collects what speaks against the fit, and what the fit says against its presses. `is_short` says that the training
+/// was cut short.
+fn find_doubts_after_fit(found: &Calibration, is_short: bool) -> Findings {
     let all = found.session.observations.len();
     let doubtful = found.outlier_reasons.iter().filter(|doubts| !doubts.is_empty()).count();
     let mut findings = Findings::default();
     findings.extend(fit::judge_leds(&found.leds));
-    findings.extend(found.verdict.to_finding(doubtful, all));
+    findings.extend(found.verdict.to_finding(doubtful, all, is_short));
     let left_out = found.dropped.iter().map(|(file, doubts)| (file.as_str(), doubts));
     findings.extend(left_out.flat_map(|(file, _)| {
         let message = format!("{file} left out");

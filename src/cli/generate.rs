@@ -143,6 +143,9 @@ fn format_summary(done: &RunSummary, root: &str) -> String {
         done.seconds,
         samples_per_second(done),
     );
+    if done.calibration_samples > 0 {
+        text += &format!("; {} for calibration", HumanCount(done.calibration_samples).of("sample"));
+    }
     if done.skipped > 0 {
         let shards = if done.skipped == 1 { "shard was" } else { "shards were" };
         text += &format!("; {} {shards} there already", done.skipped);
@@ -183,6 +186,7 @@ fn summarise_as_json(done: &RunSummary, root: &str) -> Value {
         "shards": done.shards,
         "shards_there_already": done.skipped,
         "shards_made_again": done.damaged,
+        "calibration_samples": done.calibration_samples,
         "bytes": done.bytes,
         "seconds": done.seconds,
         "samples_per_s": samples_per_second(done),

@@ -5,6 +5,8 @@ use std::ffi::OsString;
 use std::io::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use clap::{Args, Parser, Subcommand};
 
@@ -15,6 +17,7 @@ use gelsim_files::spelling::escape_hidden_chars;
 use gelsim_job::config::Overrides;
 use gelsim_job::plan::Plan;
 use gelsim_lab::tradeoff::choose::choose_level;
+use signal_hook::consts::SIGXFSZ;
 
 mod augment;
 mod calibrate;
@@ -119,6 +122,9 @@ pub fn main(line: impl IntoIterator<Item = OsString>) -> u8 {
 }
 
 fn run(arguments: Arguments) -> Result<(), Failure> {
+    // Caught so that a file above the user's limit is an error where it is written, not the end of the process.
+    signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))
+        .map_err(|error| Failure::runtime(format!("signals cannot be caught: {error}")))?;
     start_threads(&arguments.command)?;
     match arguments.command {
         Command::Generate(command) => command.run(),
@@ -293,6 +299,11 @@ fn for_each_dataset(folders: &[PathBuf], mut work: impl FnMut(&Path) -> Result<b
     for folder in folders {
         match work(folder) {
             Ok(is_valid_there) => is_valid &= is_valid_there,
+            // Of a set, it is not made yet.
+            Err(failure) if folders.len() > 1 && !folder.join("job.toml").exists() => {
+                failure.print();
+                is_valid = false;
+            }
             Err(failure) => {
                 if let Some(earlier) = last_failure.replace(failure) {
                     earlier.print();

@@ -2,9 +2,9 @@
 
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 use super::log::Log;
 use super::progress::Progress;
@@ -37,11 +37,9 @@ pub(super) fn run_interruptible<T: Send>(
 }
 
 /// Sets the monitor's stop flag on SIGINT and SIGTERM and records which signal it was; a second one ends the process at
-/// once. SIGXFSZ is caught so that a file above the user's limit is an error where it is written, not the end of the
-/// process.
+/// once.
 fn stop_on_signals(watch: &Arc<RunMonitor>) -> io::Result<Arc<AtomicUsize>> {
     let seen = Arc::new(AtomicUsize::new(0));
-    signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
     let (watch, noted) = (Arc::clone(watch), Arc::clone(&seen));
     std::thread::Builder::new().spawn(move || {

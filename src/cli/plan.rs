@@ -70,7 +70,7 @@ impl Plan {
         text += &format_stages(&forecast);
         text += &format_totals(&forecast, load_s, &root, if store.is_some() { None } else { free_bytes(&root) });
         if datasets.len() > 1 {
-            text += &format_set(&plan, &forecast, datasets.len() as u64);
+            text += &format_set(&plan, &forecast, datasets.len() as u64, shards.contains(&0));
         }
         print_result(&text)
     }
@@ -177,18 +177,20 @@ fn format_totals(forecast: &Forecast, load_s: f64, root: &Path, free: Option<u64
     text + "\n"
 }
 
-/// Formats what is made for all sensors of a set, of which the forecast is for the first.
-fn format_set(plan: &plan::Plan, forecast: &Forecast, sensors: u64) -> String {
-    let presses = plan.calibration.as_ref().map(|presses| presses.layout.sample_count());
-    let presses =
+/// Formats what is made for all sensors of a set, of which the forecast is for the first. `has_presses` says whether
+/// the calibration presses are made, too.
+fn format_set(plan: &plan::Plan, forecast: &Forecast, sensors: u64, has_presses: bool) -> String {
+    let presses = plan.calibration.as_ref().filter(|_| has_presses).map(|presses| presses.layout.sample_count());
+    let named =
         presses.map_or_else(String::new, |count| format!(", and {} calibration presses of each", HumanCount(count)));
+    let each = sensors as f64 * (1.0 + presses.unwrap_or(0) as f64 / forecast.samples.max(1) as f64);
     format!(
-        "all    {} sensors: {} samples{presses}; if all are like the first, {}, about {}, at most {}\n",
+        "all    {} sensors: {} samples{named}; if all are like the first, {}, about {}, at most {}\n",
         HumanCount(sensors),
         HumanCount(sensors * forecast.samples),
         plan.job().sensor.name,
-        HumanBytes(sensors * forecast.bytes as u64),
-        HumanDuration(sensors as f64 * forecast.wall_s),
+        HumanBytes((each * forecast.bytes) as u64),
+        HumanDuration(each * forecast.wall_s),
     )
 }
 

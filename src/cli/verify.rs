@@ -7,7 +7,7 @@ use gelsim_lab::numbers::{HumanBytes, HumanCount};
 
 use super::{Failure, for_each_dataset, print_result};
 use gelsim_dataset::sensor_set::list_dataset_folders;
-use gelsim_dataset::verify::{CheckLevel, DatasetFinding, JOB_PLACEHOLDER, list_remedy_commands, verify};
+use gelsim_dataset::verify::{CheckLevel, DatasetFinding, JOB_PLACEHOLDER, Remedy, list_remedy_commands, verify};
 
 /// Read a dataset again and name everything in it that is not as it was written: missing, cut, changed or exchanged
 /// shards, files that cannot be decoded, numbers that are not finite, labels that break the schema. Ends with status 1
@@ -34,12 +34,16 @@ pub(super) fn suggest_repair(root: &Path, findings: &[DatasetFinding]) -> String
     if commands.is_empty() {
         return String::new();
     }
-    let explanation = match commands.iter().any(|command| command.contains(JOB_PLACEHOLDER)) {
-        true => format!(
-            "{} is lost, or the files that it names are not where it says: {JOB_PLACEHOLDER} is the job as you wrote it\n",
-            root.join("job.toml").display()
-        ),
-        false => String::new(),
+    let explanation = if !commands.iter().any(|command| command.contains(JOB_PLACEHOLDER)) {
+        String::new()
+    } else if findings.iter().any(|finding| finding.remedy == Remedy::GenerateByJob) {
+        format!("{JOB_PLACEHOLDER} is the job as you wrote it\n")
+    } else {
+        let recorded = root.join("job.toml");
+        format!(
+            "{} names files that are not where it says: {JOB_PLACEHOLDER} is the job as you wrote it\n",
+            recorded.display()
+        )
     };
     let fixes: String = commands.iter().map(|command| format!("  {command}\n")).collect();
     format!("{explanation}fix it with\n{fixes}")

@@ -11,13 +11,11 @@ use super::dataset_error::DatasetError;
 use super::folder;
 use super::lock::Lock;
 use super::recorded::RecordedDataset;
-use super::stats::ShardStats;
-use super::verify::{CheckLevel, DatasetFinding, check_shards, find_missing_shards, find_stray_files};
+use super::verify::{CheckLevel, DatasetFinding, check_job, check_shards, find_missing_shards, find_stray_files};
 use gelsim_files::diagnostic::Report;
 use gelsim_files::diagnostic::user_error;
 use gelsim_files::input::{self, MAX_METADATA_BYTES};
 use gelsim_files::write::write_atomically;
-use gelsim_job::plan::compute_fingerprint;
 
 /// The result of [`finalize`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,19 +33,12 @@ pub enum Finalized {
 /// changes nothing and returns what is wrong.
 pub fn finalize(recorded: &RecordedDataset, depth: CheckLevel) -> Result<Finalized, DatasetError> {
     let (mut stats, mut findings) = (Vec::new(), Vec::new());
-    let fingerprint = compute_fingerprint(&recorded.job);
     let all = check_shards(recorded, depth)?;
     findings.extend(find_missing_shards(recorded, &all));
+    findings.extend(check_job(recorded, &all, None));
     for looked in all {
         findings.extend(looked.findings);
-        let of_this_job = |stats: &ShardStats| stats.fingerprint == fingerprint;
-        match looked.stats {
-            Some(found) if of_this_job(&found) => stats.push(found),
-            Some(_) => {
-                findings.push(DatasetFinding::new(format!("stats/{}.json", looked.shard.name()), "is of another job"));
-            }
-            None => {}
-        }
+        stats.extend(looked.stats);
     }
     let shards = (0..recorded.layout.shard_count()).map(|number| recorded.layout.shard(number));
     findings.extend(find_stray_files(recorded, shards));

@@ -24,6 +24,29 @@ use gelsim_job::plan::{Plan, file_stem};
 /// What stands before the file's own hash in a job.toml.
 const SELF_HASH_MARK: &str = "# SHA-256 of this file with 64 zeros in this place: ";
 
+/// Refuses a folder that the plan may not use: what is no folder, holds another dataset that is not replaced, or has an
+/// entry that is a link. Changes nothing.
+pub fn require_usable_folder(root: &Path, plan: &Plan, replaced: Replaced) -> Result<(), DatasetError> {
+    let refused = |message: String, help: &str| Err(DatasetError::Usage(user_error(message, help)));
+    if root.as_os_str().is_empty() {
+        return refused(String::from("the output folder has no name"), "choose a new or empty folder with --out");
+    }
+    if root.symlink_metadata().is_ok() && !root.is_dir() {
+        return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
+    }
+    let on_the_way = root.ancestors().skip(1).find(|above| above.exists() || above.as_os_str().is_empty());
+    if let Some(file) = on_the_way.filter(|above| above.exists() && !above.is_dir()) {
+        return refused(format!("{} is not a folder", file.display()), "choose a new or empty folder with --out");
+    }
+    if let Some(strange) = cleanup::find_strange_entry(root).map_err(|(path, error)| DatasetError::Io(path, error))? {
+        return refused(
+            format!("{strange}, which is not what gelsim made there"),
+            "remove it, or choose another folder with --out; gelsim writes nothing through a link",
+        );
+    }
+    check_folder(root, plan, replaced != Replaced::Nothing).map(drop)
+}
+
 /// Prepares `root` for `plan`: a new folder, an empty one, or one that the same job began. No entry in it may be a link
 /// that leads out of it. If the job differs from the recorded one only by more samples, it takes the folder over, and
 /// the earlier number of samples is returned. Paths in the new job.toml are relative to `seen_from`, which need not
@@ -41,24 +64,8 @@ pub fn prepare_folder(
     };
     let failed = |(path, error)| DatasetError::Io(path, error);
     let refused = |message: String, help: &str| Err(DatasetError::Usage(user_error(message, help)));
-    if root.as_os_str().is_empty() {
-        return refused(String::from("the output folder has no name"), "choose a new or empty folder with --out");
-    }
-    if root.symlink_metadata().is_ok() && !root.is_dir() {
-        return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
-    }
-    let on_the_way = root.ancestors().skip(1).find(|above| above.exists() || above.as_os_str().is_empty());
-    if let Some(file) = on_the_way.filter(|above| above.exists() && !above.is_dir()) {
-        return refused(format!("{} is not a folder", file.display()), "choose a new or empty folder with --out");
-    }
-    if let Some(strange) = cleanup::find_strange_entry(root).map_err(failed)? {
-        return refused(
-            format!("{strange}, which is not what gelsim made there"),
-            "remove it, or choose another folder with --out; gelsim writes nothing through a link",
-        );
-    }
     // Check before anything is made in the folder, and again under the lock.
-    check_folder(root, plan, overwrite)?;
+    require_usable_folder(root, plan, replaced)?;
     for folder in SHARD_FOLDERS {
         let path = root.join(folder);
         fs::create_dir_all(&path).map_err(io(&path))?;

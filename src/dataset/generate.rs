@@ -22,7 +22,7 @@ use crate::cleanup::{self, DATA_FOLDER};
 use crate::dataset_error::DatasetError;
 use crate::encode::{EncodedSample, FrameStorage, SampleError, make_samples};
 use crate::finalize::{Finalized, finalize};
-use crate::folder::{KnownJob, Replaced, check_still_ours, prepare_folder, recorded_samples};
+use crate::folder::{KnownJob, Replaced, check_still_ours, prepare_folder, recorded_samples, require_usable_folder};
 use crate::lock::Lock;
 use crate::manifest::Manifest;
 use crate::mirror::StoreMirror;
@@ -89,6 +89,8 @@ pub struct RunSummary {
     pub seconds: f64,
     /// Number of samples of the dataset before this run made it larger.
     pub grown_from: Option<u64>,
+    /// Calibration presses of a set that were rendered.
+    pub calibration_samples: u64,
     /// Whether the dataset is complete, with its manifest and card.
     pub complete: bool,
 }
@@ -216,14 +218,14 @@ fn generate_set(
     request: &GenerateRequest,
     watch: &RunMonitor,
 ) -> Result<RunSummary, GenerateError> {
+    // All of it before the first change, so that a set that is refused stays as it is.
+    require_usable_folders(plan, members, request)?;
     sensor_set::prepare_set_folder(&request.root, members, plan.calibration.is_some(), request.overwrite)?;
-    if let Some(presses) =
-        plan.calibration.as_ref().filter(|_| request.shards.as_ref().is_none_or(|shards| shards.contains(&0)))
-    {
-        let request = GenerateRequest { root: request.root.join(CALIBRATION_FOLDER), shards: None, ..request.clone() };
+    let mut calibration_samples = 0;
+    if let Some((presses, request)) = calibration_request(plan, request) {
         // What is shown of progress is that of the set.
         let watch = RunMonitor { stop: Arc::clone(&watch.stop), ..RunMonitor::default() };
-        generate(presses, &request, &watch)?;
+        calibration_samples = generate(presses, &request, &watch)?.samples;
     }
     let targets: Vec<Target<'_>> = members
         .iter()
@@ -234,7 +236,32 @@ fn generate_set(
             known_job: KnownJob::default(),
         })
         .collect();
-    run_generation(&targets, request, watch, &make_samples)
+    let done = run_generation(&targets, request, watch, &make_samples)?;
+    Ok(RunSummary { calibration_samples, ..done })
+}
+
+/// Returns the calibration presses that a run makes, if it makes any.
+fn calibration_request<'a>(plan: &'a Plan, request: &GenerateRequest) -> Option<(&'a Plan, GenerateRequest)> {
+    let presses = plan.calibration.as_deref()?;
+    let makes_them = request.shards.as_ref().is_none_or(|shards| shards.contains(&0));
+    let root = request.root.join(CALIBRATION_FOLDER);
+    makes_them.then(|| (presses, GenerateRequest { root, shards: None, ..request.clone() }))
+}
+
+/// Refuses folders that a set may not use, those of its datasets and of its calibration presses among them.
+fn require_usable_folders(plan: &Plan, members: &[SetMember], request: &GenerateRequest) -> Result<(), DatasetError> {
+    let (has_calibration, overwrite) = (plan.calibration.is_some(), request.overwrite);
+    sensor_set::require_usable_set_folder(&request.root, members, has_calibration, overwrite)?;
+    for member in members {
+        require_usable_folder(&request.root.join(&member.folder), &member.plan, request.replaced())?;
+    }
+    match calibration_request(plan, request) {
+        Some((presses, request)) => match presses.sensor_set() {
+            Some(members) => require_usable_folders(presses, &members, &request),
+            None => require_usable_folder(&request.root, presses, request.replaced()),
+        },
+        None => Ok(()),
+    }
 }
 
 /// Generates the dataset into an object store. Paths in its job.toml are those of a dataset in the plan's default

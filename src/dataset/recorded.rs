@@ -70,10 +70,8 @@ impl RecordedDataset {
         }
         if !path.exists() {
             let message = format!("{} is no dataset: there is no job.toml in it", root.display());
-            let above = root.parent().unwrap_or(Path::new(""));
-            let is_member = |set: SensorSet| set.sensors.iter().any(|own| root.ends_with(&own.folder));
-            if SensorSet::find(above).ok().flatten().is_some_and(is_member) {
-                let folder = quote_for_shell(if above == Path::new("") { Path::new(".") } else { above });
+            if let Some(set) = SensorSet::find_owner(root) {
+                let folder = quote_for_shell(&set);
                 let help = format!("it belongs to a set: gelsim generate JOB.toml --out {folder} makes it again");
                 return Err(user_error(message, help));
             }

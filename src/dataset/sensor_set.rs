@@ -79,17 +79,40 @@ impl SensorSet {
 
     /// Reads the set in `root`; `None` if there is none.
     pub fn find(root: &Path) -> Result<Option<Self>, DatasetError> {
-        let found = Self::read(&root.join(SET_FILE))?;
+        // What is no folder is no set either.
+        let found = if root.is_file() { None } else { Self::read(&root.join(SET_FILE))? };
         // Folders outside of the set's own are not read.
-        let is_inside = |folder: &String| {
+        let is_inside = |folder: &str| {
             let mut parts = Path::new(folder).components();
             matches!((parts.next(), parts.next()), (Some(std::path::Component::Normal(_)), None))
         };
-        let is_sound = |set: &Self| {
-            let mut folders = set.sensors.iter().map(|entry| &entry.folder).chain(&set.calibration);
-            !set.sensors.is_empty() && folders.all(is_inside)
-        };
+        let is_sound = |set: &Self| !set.sensors.is_empty() && set.folders().all(is_inside);
         Ok(found.filter(is_sound))
+    }
+
+    /// Returns the folders of its sensors, and that of their calibration presses.
+    pub fn folders(&self) -> impl Iterator<Item = &str> {
+        self.sensors.iter().map(|entry| &*entry.folder).chain(self.calibration.as_deref())
+    }
+
+    /// Returns its folders that are of another sensor, or of none, in `other`.
+    fn folders_not_in(&self, other: &Self) -> impl Iterator<Item = &str> {
+        let gone = self.sensors.iter().filter(|entry| !other.sensors.contains(entry)).map(|entry| &*entry.folder);
+        gone.chain(self.calibration.as_deref().filter(|_| other.calibration.is_none()))
+    }
+
+    /// Finds the folder of the outermost set that has a dataset in `folder`.
+    pub fn find_owner(folder: &Path) -> Option<PathBuf> {
+        let (mut owner, mut inside) = (None, folder.to_owned());
+        while let (Some(name), Some(above)) = (inside.file_name().map(std::ffi::OsStr::to_owned), inside.parent()) {
+            let above = if above == Path::new("") { Path::new(".") } else { above };
+            match Self::find(above).ok().flatten() {
+                Some(set) if set.folders().any(|folder| name == folder) => inside = above.to_owned(),
+                _ => break,
+            }
+            owner = Some(inside.clone());
+        }
+        owner
     }
 }
 
@@ -104,6 +127,66 @@ pub fn list_dataset_folders(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     Ok(folders)
 }
 
+/// Refuses a folder that a set may not use: what is no folder, holds something else, or holds a set with sensors or
+/// calibration presses that this one has not, unless that is replaced. Changes nothing. Returns the set that is there.
+pub(crate) fn require_usable_set_folder(
+    root: &Path,
+    members: &[SetMember],
+    has_calibration: bool,
+    overwrite: bool,
+) -> Result<Option<SensorSet>, DatasetError> {
+    let refused = |message: String, help: &str| Err(DatasetError::Usage(user_error(message, help)));
+    if root.as_os_str().is_empty() {
+        return refused(String::from("the output folder has no name"), "choose a new or empty folder with --out");
+    }
+    if root.symlink_metadata().is_ok() && !root.is_dir() {
+        return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
+    }
+    let set = SensorSet::new(members, has_calibration);
+    if let Some(known) = SensorSet::find(root)? {
+        let gone: Vec<&str> = known.folders_not_in(&set).collect();
+        if let (Some(first), false) = (gone.first(), overwrite) {
+            let message = format!(
+                "{} holds a set with {} that this job has not{} {first}",
+                root.display(),
+                if gone.len() == 1 { String::from("a folder") } else { format!("{} folders", gone.len()) },
+                if gone.len() == 1 { ":" } else { ", the first" },
+            );
+            return refused(message, "choose another folder with --out, or replace that set with --overwrite");
+        }
+        return Ok(Some(known));
+    }
+    if root.join("job.toml").exists() {
+        let message = format!("{} holds a dataset of one sensor", root.display());
+        return refused(message, "choose a new or empty folder with --out");
+    }
+    let entries = match std::fs::read_dir(root) {
+        Ok(entries) => {
+            entries.collect::<io::Result<Vec<_>>>().map_err(|error| DatasetError::Io(root.to_owned(), error))?
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
+        Err(error) => return Err(DatasetError::Io(root.to_owned(), error)),
+    };
+    let names: Vec<String> = entries.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    let is_dataset = |name: &String| set.folders().any(|folder| folder == name);
+    // Of a set whose sensors.json is lost. Whether its datasets are of this job is looked at in each.
+    let is_set = names.iter().any(is_dataset);
+    // What a killed run leaves of the file itself does not count.
+    let is_ours = |name: &String| {
+        let is_file = *name == SET_FILE || name.starts_with(&format!(".{SET_FILE}."));
+        is_file || is_set && (is_dataset(name) || *name == CARD_FILE)
+    };
+    if !names.iter().all(is_ours) {
+        // Another process may have begun the set since it was looked for.
+        if let Some(known) = SensorSet::find(root)? {
+            return Ok(Some(known));
+        }
+        let message = format!("{} is not empty and holds no set of gelsim", root.display());
+        return refused(message, "choose a new or empty folder with --out");
+    }
+    Ok(None)
+}
+
 /// Prepares `root` for a set: a new folder, an empty one, or that of a set whose sensors are among these.
 pub(crate) fn prepare_set_folder(
     root: &Path,
@@ -111,69 +194,16 @@ pub(crate) fn prepare_set_folder(
     has_calibration: bool,
     overwrite: bool,
 ) -> Result<(), DatasetError> {
-    let refused = |message: String, help: &str| Err(DatasetError::Usage(user_error(message, help)));
     let failed = |path: &Path| {
         let path = path.to_owned();
         move |error| DatasetError::Io(path, error)
     };
-    if root.as_os_str().is_empty() {
-        return refused(String::from("the output folder has no name"), "choose a new or empty folder with --out");
-    }
-    if root.symlink_metadata().is_ok() && !root.is_dir() {
-        return refused(format!("{} is not a folder", root.display()), "choose a new or empty folder with --out");
+    let known = require_usable_set_folder(root, members, has_calibration, overwrite)?;
+    let set = SensorSet::new(members, has_calibration);
+    for folder in known.iter().flat_map(|known| known.folders_not_in(&set)) {
+        remove_member(&root.join(folder))?;
     }
     let path = root.join(SET_FILE);
-    let set = SensorSet::new(members, has_calibration);
-    let known = SensorSet::find(root)?;
-    match &known {
-        Some(known) => {
-            let gone: Vec<&SetEntry> = known.sensors.iter().filter(|entry| !set.sensors.contains(entry)).collect();
-            if let (Some(first), false) = (gone.first(), overwrite) {
-                let message = format!(
-                    "{} holds a set with {} that this job has not, the first {}",
-                    root.display(),
-                    if gone.len() == 1 { String::from("a sensor") } else { format!("{} sensors", gone.len()) },
-                    first.folder
-                );
-                return refused(message, "choose another folder with --out, or replace that set with --overwrite");
-            }
-            for entry in gone {
-                let folder = root.join(&entry.folder);
-                match cleanup::remove_dataset(&folder) {
-                    Ok(Ok(())) => {}
-                    Ok(Err(writer)) => {
-                        let message = format!("{} cannot be replaced: {writer}", folder.display());
-                        return refused(message, "wait until it is done, or stop it");
-                    }
-                    Err((path, error)) if error.kind() != io::ErrorKind::NotFound => {
-                        return Err(DatasetError::Io(path, error));
-                    }
-                    Err(_) => {}
-                }
-            }
-        }
-        None if root.join("job.toml").exists() => {
-            let message = format!("{} holds a dataset of one sensor", root.display());
-            return refused(message, "choose a new or empty folder with --out");
-        }
-        None => {
-            let entries = match std::fs::read_dir(root) {
-                Ok(entries) => entries.collect::<io::Result<Vec<_>>>().map_err(failed(root))?,
-                Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
-                Err(error) => return Err(DatasetError::Io(root.to_owned(), error)),
-            };
-            // What a killed run leaves of the file itself does not count.
-            let is_ours = |name: &str| name == SET_FILE || name.starts_with(&format!(".{SET_FILE}."));
-            if entries.iter().any(|entry| !is_ours(&entry.file_name().to_string_lossy())) {
-                // Another process may have begun the set since it was looked for.
-                if SensorSet::find(root)?.is_some() {
-                    return prepare_set_folder(root, members, has_calibration, overwrite);
-                }
-                let message = format!("{} is not empty and holds no set of gelsim", root.display());
-                return refused(message, "choose a new or empty folder with --out");
-            }
-        }
-    }
     let (card, card_text) = (root.join(CARD_FILE), render_set_card(&set, members));
     // A run that was killed between the two may have left the card of the set before.
     let is_card_written =
@@ -186,6 +216,35 @@ pub(crate) fn prepare_set_folder(
         write_output(&card, card_text.as_bytes()).map_err(failed(&card))?;
     }
     Ok(())
+}
+
+/// Removes what gelsim made in the folder of a dataset, or of a set with its datasets, and the folder if nothing else
+/// is in it.
+fn remove_member(folder: &Path) -> Result<(), DatasetError> {
+    if let Some(set) = SensorSet::find(folder)? {
+        for name in set.folders() {
+            remove_member(&folder.join(name))?;
+        }
+        for path in [SET_FILE, CARD_FILE].map(|name| folder.join(name)) {
+            cleanup::remove_path(&path).map_err(|error| DatasetError::Io(path, error))?;
+        }
+    } else {
+        match cleanup::remove_dataset(folder) {
+            Ok(Ok(())) => {}
+            Ok(Err(writer)) => {
+                let message = format!("{} cannot be replaced: {writer}", folder.display());
+                return Err(DatasetError::Usage(user_error(message, "wait until it is done, or stop it")));
+            }
+            Err((path, error)) if error.kind() != io::ErrorKind::NotFound => return Err(DatasetError::Io(path, error)),
+            Err(_) => {}
+        }
+    }
+    match std::fs::remove_dir(folder) {
+        Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::DirectoryNotEmpty) => {
+            Err(DatasetError::Io(folder.to_owned(), error))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Renders the set's card: its sensors, what they have in common, and code that loads them.

@@ -26,7 +26,8 @@ mod described;
 mod finding;
 mod samples;
 
-use described::{check_descriptions, check_job};
+use described::check_descriptions;
+pub(crate) use described::check_job;
 pub use finding::{DatasetFinding, JOB_PLACEHOLDER, Remedy, list_remedy_commands};
 use samples::check_shard_files;
 pub use samples::check_tar;

@@ -59,6 +59,9 @@ impl Health {
                 numerics.residual_um.unwrap_or_default(),
                 numerics.iterations
             ),
+            _ if image.rgb.iter().all(|value| *value == u8::MAX) && !image.rgb.is_empty() => {
+                String::from("the image is white all over")
+            }
             _ => String::new(),
         };
         Self {

@@ -658,3 +658,18 @@ fn a_signal_ends_the_run_and_nothing_is_left_of_it() {
     let left: Vec<_> = folder.files("").into_keys().filter(|name| name.contains("larger")).collect();
     assert!(left.is_empty(), "{left:?}");
 }
+
+#[test]
+fn a_set_of_sensors_is_refused_and_another_sensor_is_warned_of() {
+    let folder = with_tars();
+    folder.write("set.toml", format!("{REAL}[sensors]\ncount = 2\n"));
+    folder.succeed("generate set.toml --quiet --out set");
+    folder.write("augment.toml", edited(RECIPE, &[("path = \"real\"", "path = \"set\"")]));
+    let said = folder.fail("augment augment.toml --out larger", 2);
+    assert!(said.contains("set is a set of 2 sensors") && said.contains("path = \"set/gelsight-2014-0000\""), "{said}");
+    folder.write("augment.toml", edited(RECIPE, &[("path = \"real\"", "path = \"out/real\"")]));
+    let words = "the labels are of the sensor `gelsight-2014`, and new samples would be of `another`";
+    assert!(!folder.succeed("augment augment.toml --out larger").contains("the labels are of the sensor"));
+    folder.write("new.toml", edited(JOB, &[("[sensor]\n", "[sensor]\nname = \"another\"\n")]));
+    assert!(folder.succeed("augment augment.toml --out another").contains(words));
+}

@@ -148,7 +148,7 @@ fn a_set_grows_by_units_sensors_and_samples() {
     folder.gelsim("verify set").assert().success();
     // Fewer sensors are another set.
     let said = folder.fail("generate job.toml --out set", 2);
-    assert!(said.contains("holds a set with 5 sensors that this job has not, the first digit-0000"), "{said}");
+    assert!(said.contains("holds a set with 5 folders that this job has not, the first digit-0000"), "{said}");
     folder.succeed("generate job.toml --quiet --out set --overwrite");
     assert_same_files(&before.into_iter().filter(|(name, _)| data(&name)).collect(), &{
         let mut files = folder.files("set");
@@ -180,18 +180,66 @@ fn what_is_done_with_all_datasets_of_a_set_is_done_also_behind_one_that_is_none(
     }
     let output = folder.gelsim("verify set").output().expect("it runs");
     let [said, wrong] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).expect("UTF-8"));
-    assert_eq!(output.status.code(), Some(2), "{wrong}");
+    assert_eq!(output.status.code(), Some(1), "{wrong}");
     for (k, name) in names.iter().enumerate() {
         assert_eq!(wrong.contains(&format!("set/{name} is no dataset")), k < 2, "{wrong}");
         assert_eq!(said.contains(&format!("set/{name}: 8 samples")), k >= 2, "{said}");
     }
     let output = folder.gelsim("report set").output().expect("it runs");
     let wrong = String::from_utf8(output.stderr).expect("UTF-8");
-    assert_eq!((output.status.code(), &*output.stdout), (Some(2), &b"set/report.html\n"[..]), "{wrong}");
+    assert_eq!((output.status.code(), &*output.stdout), (Some(1), &b"set/report.html\n"[..]), "{wrong}");
     let page = folder.read("set/report.html");
     for (k, name) in names.iter().enumerate() {
         assert_eq!(wrong.contains(&format!("set/{name} is no dataset")), k < 2, "{wrong}");
         assert_eq!(page.contains(&format!("href=\"{name}/report.html\"")), k >= 2);
+    }
+}
+
+#[test]
+fn a_set_that_is_refused_stays_as_it_is() {
+    let folder = with_presses(PRESSES);
+    folder.succeed("generate job.toml --quiet --out set");
+    let before = folder.files("set");
+    let another = edited(&folder.read("job.toml"), &[("from = [", "from = [\"digit\", "), ("seed = 7", "seed = 8")]);
+    folder.write("another.toml", another);
+    let said = folder.fail("generate another.toml --out set", 2);
+    assert!(said.contains("set/gelsight-mini-0000 holds a dataset of another job"), "{said}");
+    let without = edited(&folder.read("job.toml"), &[("calibration = \"jobs/presses.toml\"\n", "")]);
+    folder.write("without.toml", without);
+    let said = folder.fail("generate without.toml --out set", 2);
+    assert!(said.contains("holds a set with a folder that this job has not: calibration"), "{said}");
+    assert_same_files(&before, &folder.files("set"));
+    folder.succeed("generate without.toml --quiet --out set --overwrite");
+    assert!(!folder.path("set/calibration").exists());
+    folder.gelsim("verify set").assert().success();
+}
+
+#[test]
+fn what_is_lost_of_a_set_is_made_again_as_the_message_says() {
+    let folder = with_presses(PRESSES);
+    let remedy = "gelsim generate JOB.toml --out set makes it again";
+    folder.succeed("generate job.toml --quiet --out set --partition 1/2");
+    for command in ["finalize set", "verify set/calibration"] {
+        let output = folder.gelsim(command).output().expect("it runs");
+        let wrong = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(if command == "finalize set" { 1 } else { 2 }), "{wrong}");
+        assert!(wrong.contains("set/calibration is no dataset") && wrong.contains(remedy), "{wrong}");
+    }
+    folder.succeed("generate job.toml --quiet --out set");
+    let whole = lasting(&folder, "set");
+    for lost in
+        ["sensors.json", "calibration/sensors.json", "calibration/gelsight-mini-0000", "gelsight-2017-0001/job.toml"]
+    {
+        let path = folder.path(&format!("set/{lost}"));
+        if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) }.expect("it was there");
+        let output = folder.gelsim("verify set").output().expect("it runs");
+        let wrong = String::from_utf8(output.stderr).expect("UTF-8");
+        assert!(!output.status.success(), "{lost}");
+        let way_out = if lost == "sensors.json" { "gelsim generate JOB.toml --out` that folder" } else { remedy };
+        assert!(wrong.contains(way_out), "{lost}: {wrong}");
+        folder.succeed("generate job.toml --quiet --out set");
+        assert_same_files(&whole, &lasting(&folder, "set"));
+        folder.gelsim("verify set").assert().success();
     }
 }
 

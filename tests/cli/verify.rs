@@ -462,10 +462,8 @@ fn a_dataset_that_was_moved_away_from_its_meshes_is_mended_by_the_job_as_it_was_
     fs::rename(folder.path("out"), folder.path("disk/out")).expect("a dataset");
     fs::remove_file(folder.path("disk/out/data/test-000000.tar")).expect("a tar");
     let said = folder.stdout_of("verify disk/out");
-    assert!(
-        said.contains("the files that it names are not where it says: JOB.toml is the job as you wrote it"),
-        "{said}"
-    );
+    let words = "disk/out/job.toml names files that are not where it says: JOB.toml is the job as you wrote it\n";
+    assert!(said.contains(words), "{said}");
     assert!(said.ends_with("fix it with\n  gelsim generate JOB.toml --out disk/out\n"), "{said}");
     folder.succeed("generate job.toml --out disk/out");
     assert_same_files(&sound, &folder.lasting_files("disk/out"));

@@ -18,7 +18,7 @@ use gelsim_core::simulator::Simulator;
 use serde_json::Value;
 
 use super::finite_elements::penetration;
-use super::rig::{NOTHING, Rig, Setup};
+use super::rig::{NOTHING, Rig, Setup, ball};
 
 /// Surfaces are compared so far around the contact, mm.
 const RING_MM: f64 = 2.0;
@@ -207,6 +207,38 @@ impl Bound {
                 ));
             }
         }
+    }
+}
+
+#[test]
+fn a_ball_much_smaller_than_the_pad_is_resolved() {
+    // A fine box is the truth here; a thickness of 4 mm has ten nodes otherwise, and the ball's contact two.
+    let setup = Setup { resolution_px: [200, 150], mm_per_px: [0.05; 2], thickness_mm: 4.0, ..Setup::default() };
+    for (radius, deep) in [(0.5, 0.2), (0.5, 0.4), (1.0, 0.5)] {
+        let pressed = |box_mm: Option<f64>| {
+            let rig = setup.rig_of(&Model::FiniteStrain(FiniteStrain { box_mm, ..FiniteStrain::default() }));
+            let depth = rig.depth_in_window(deep, |x, y| ball(radius, deep, x, y));
+            let (contact, _) = rig.press_noted(&depth, EffectPolicy::WhereNeeded);
+            assert_eq!(contact.numerics.theory, Theory::FiniteStrain, "{radius} {deep} {box_mm:?}");
+            contact
+        };
+        let [usual, fine] = [None, Some(0.1)].map(pressed);
+        let linear = setup.rig_of(&models(None)[LINEAR]).press(|x, y| ball(radius, deep, x, y));
+        let [usual_n, fine_n, linear_n] = [&usual, &fine, &linear].map(|contact| contact.force_n.expect("a force"));
+        let largest_um = |contact: &Contact| {
+            let [a, b] = [contact, &fine].map(|contact| contact.surface.inner(SURFACE_BORDER));
+            1e3 * a.data.iter().zip(&b.data).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max)
+        };
+        let [off_um, linear_um] = [&usual, &linear].map(largest_um);
+        let [off, linear_off] = [usual_n, linear_n].map(|n| (n / fine_n - 1.0).abs());
+        println!(
+            "finite strain: a ball of {radius} mm, {deep} mm deep: {off_um:.2} um and {:.2} % from a fine box, linear theory \
+             {linear_um:.2} um and {:.2} %",
+            100.0 * off,
+            100.0 * linear_off
+        );
+        assert!(off < 0.012 && off < 0.3 * linear_off && off_um < 0.4 * linear_um, "{radius} {deep}");
+        assert!(usual.numerics.model_error_um.is_ok_and(|label_um| off_um < 3.0 * label_um), "{:?}", usual.numerics);
     }
 }
 

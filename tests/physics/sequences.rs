@@ -120,6 +120,86 @@ fn what_slips_as_a_whole_is_pulled_by_friction_times_force() {
 }
 
 #[test]
+fn what_slides_slips_in_every_frame_even_if_its_pressure_changes() {
+    for (fidelity, frame_rate_hz) in [("draft", 25.0), ("standard", 25.0), ("standard", 100.0), ("reference", 25.0)] {
+        let setup = Setup { friction: 0.3, fidelity, frame_rate_hz, ..SETUP };
+        let (label, _) =
+            run(&setup, &["duration_s = 0.12\ndepth_mm = 0.6", "duration_s = 1.0\nx_mm = 3.0\ndepth_mm = 0.65"]);
+        let step_mm = 3.0 / frame_rate_hz;
+        let slid = label.frames.iter().filter(|frame| frame.t_s > 0.6);
+        // A last frame may end within the phase.
+        let count = slid.clone().count() - 1;
+        let mut worst = 0.0_f64;
+        for frame in slid.take(count) {
+            let [x, y, normal] = force(frame);
+            let slip = &frame.slip;
+            assert_eq!((slip.state, slip.stick_fraction > 0.02), (SlipState::Gross, false), "{fidelity} {slip:?}");
+            let heat = slip.dissipated_nmm / (0.3 * normal * step_mm);
+            worst = worst.max((x.hypot(y) / (0.3 * normal) - 1.0).abs()).max((heat - 1.0).abs());
+        }
+        println!("sequences: {fidelity} at {frame_rate_hz} Hz: a slide under rising pressure is off by {worst:.4}");
+        assert!(worst < if fidelity == "draft" { 0.03 } else { 0.02 }, "{fidelity} {frame_rate_hz}: {worst}");
+    }
+}
+
+#[test]
+fn little_friction_is_friction_at_every_level() {
+    for (fidelity, friction, depth_mm) in [
+        ("draft", 0.001, 0.5),
+        ("standard", 0.001, 0.5),
+        ("standard", 0.003, 0.1),
+        ("standard", 0.03, 0.02),
+        ("high", 0.01, 0.05),
+    ] {
+        let setup = Setup { friction, fidelity, ..SETUP };
+        let press = format!("duration_s = 0.2\ndepth_mm = {depth_mm}");
+        let (label, _) = run(&setup, &[&press, "duration_s = 0.4\nx_mm = 0.6", "duration_s = 0.2"]);
+        for frame in &label.frames[6..15] {
+            let [x, _, normal] = force(frame);
+            assert_eq!(frame.slip.state, SlipState::Gross, "{fidelity} {friction} {depth_mm}: {:?}", frame.slip);
+            let pulled = x / (friction * normal);
+            assert!((pulled - 1.0).abs() < 0.02, "{fidelity} {friction} {depth_mm}: {pulled}");
+        }
+    }
+}
+
+#[test]
+fn what_is_held_still_sticks() {
+    for (fidelity, x_mm, frame_rate_hz) in
+        [("standard", 0.1, 25.0), ("standard", 0.6, 25.0), ("standard", 0.3, 100.0), ("reference", 0.3, 25.0)]
+    {
+        let setup = Setup { friction: 0.3, fidelity, frame_rate_hz, ..SETUP };
+        let push = format!("duration_s = 0.2\nx_mm = {x_mm}");
+        let (label, _) = run(&setup, &["duration_s = 0.2\ndepth_mm = 0.6", &push, "duration_s = 0.4"]);
+        let held = |frame: &&FrameLabel| frame.t_s > 0.4 + 1.5 / frame_rate_hz;
+        let pushed = label.frames.iter().rfind(|frame| !held(frame)).expect("a frame");
+        for frame in label.frames.iter().filter(held) {
+            let slip = &frame.slip;
+            assert_eq!((slip.stick_fraction, slip.state), (1.0, SlipState::None), "{fidelity} {x_mm}: {slip:?}");
+            let [[x, ..], [pulled, ..]] = [frame, pushed].map(force);
+            assert!((x / pulled - 1.0).abs() < 1e-3, "{x} of {pulled} N");
+        }
+    }
+}
+
+#[test]
+fn a_block_that_slides_into_view_presses_as_one_that_was_pressed_there() {
+    let setup = Setup { friction: 0.3, object: "cube", ..SETUP };
+    let slid = |way: &[&str]| run(&setup, way).0;
+    let label = slid(&["duration_s = 0.04\ndepth_mm = 0.8\nx_mm = 16.0", "duration_s = 0.8\nx_mm = -16.0"]);
+    let most = label.frames.iter().map(|frame| force(frame)[2]).fold(0.0, f64::max);
+    let mut worst = 0.0_f64;
+    for frame in label.frames.iter().skip(1).step_by(3) {
+        let there = 16.0 - 20.0 * (frame.t_s - 0.04);
+        let press = format!("duration_s = 0.04\nx_mm = {there}");
+        let pressed = slid(&[&press, "duration_s = 0.04\ndepth_mm = 0.8"]);
+        worst = worst.max((force(frame)[2] - force(last(&pressed))[2]).abs() / most);
+    }
+    println!("sequences: a block that slides into view presses within {worst:.4} of its force");
+    assert!(worst < 0.02, "{worst}");
+}
+
+#[test]
 fn a_ball_that_rolls_goes_on_without_being_pulled() {
     let setup = Setup { friction: 0.5, ..SETUP };
     let (label, _) = run(

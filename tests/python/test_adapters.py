@@ -1,8 +1,10 @@
 """Touch in the loop of physics engines: what a pad feels of an engine's bodies, against rays that MuJoCo casts and against weights that
 a pad carries."""
 
+import copy
 import inspect
 import itertools
+import pickle
 import re
 import sys
 import warnings
@@ -225,6 +227,27 @@ class TestTouch:
         with pytest.raises(gelsim.UsageError, match="'ball' is 5 mm deep in a pad of 4 mm"):
             touch.step(HERE, {"ball": at(0, 0, -1)})
         assert touch.step(HERE, {"ball": at(0, 0, 3.5)}).in_contact
+
+    def test_a_step_that_is_refused_leaves_the_memory_as_it_is(self, simulator):
+        touch = Touch(simulator, {"ball": shapes.sphere(4.0), "box": shapes.box([1, 1, 1])})
+        touch.step(HERE, {"ball": at(0, 0, 3.2)})
+        with pytest.raises(gelsim.UsageError, match="'box' is 6 mm deep"):
+            touch.step(HERE, {"box": at(0, 0, -5)})
+        press = touch.step(HERE, {"ball": at(0.1, 0, 3.2)})
+        assert press.frame == 1 and press.wrench[0] > 0.02
+
+    @pytest.mark.parametrize("copied", [copy.deepcopy, lambda touch: pickle.loads(pickle.dumps(touch))], ids=["copied", "pickled"])
+    def test_a_copy_begins_anew_with_the_same_friction(self, simulator, copied):
+        def drag(touch):
+            return [touch.step(HERE, {"ball": at(x, 0, 3.2)}) for x in (0.0, 0.1, 0.2)][-1]
+
+        touch = Touch(simulator, {"ball": shapes.sphere(4.0)}, friction=0.1, seed=5)
+        first = drag(touch)
+        again = copied(touch)
+        assert again.touched is None and again.depth_mm == -numpy.inf
+        other = drag(again)
+        assert (other.frame, other.wrench.tolist()) == (2, first.wrench.tolist())
+        assert numpy.array_equal(other.image, first.image)
 
     def test_with_a_deepest_depth_it_is_held_there_and_said(self, simulator):
         touch = Touch(simulator, {"ball": shapes.sphere(4.0)}, deepest_mm=2.0)
@@ -647,3 +670,11 @@ class TestGymnasium:
             adapter.observation_space(gelsim.Simulator("gelsight-mini", "draft"), ["markers"])
         with pytest.raises(gelsim.UsageError, match="'smell'; allowed: 'image'"):
             adapter.observation_space(gelsim.Simulator("gelsight-mini", "draft"), ["smell"])
+
+    def test_dots_that_move_into_view_are_not_observed(self, adapter):
+        dense = gelsim.Simulator("digit", "draft", set={"markers.pitch_mm": 1.0})
+        space = adapter.observation_space(dense, ["markers"])
+        touch = Touch(dense, {"ball": shapes.sphere(4.0)}, friction=0.5)
+        presses = [touch.step(HERE, {"ball": at(0.1 * step, 0, 3.0)}) for step in range(10)]
+        assert all(space.contains(adapter.observation(press, space)) for press in presses)
+        assert len(presses[-1].markers["rest_px"]) > space["markers"].shape[0]

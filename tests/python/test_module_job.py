@@ -443,6 +443,12 @@ def generate(out="x", **flags):
     "a slice": (lambda it: gelsim.load(it.dataset)[0:2], TypeError, ["of type slice", "for several write [dataset["]),
     "a path that is too long": (lambda it: gelsim.load("a" * 300), gelsim.UsageError, "File name too long"),
     "a path with NUL": (lambda it: gelsim.load("a\0b"), gelsim.UsageError, "give that of a folder"),
+    "a file of a dataset": (
+        lambda it: gelsim.load(next((it.dataset / "data").glob("*.tar"))),
+        gelsim.UsageError,
+        [".tar is a file; give the folder, ", "generated"],
+    ),
+    "a file elsewhere": (lambda it: gelsim.load(it.mixed), gelsim.UsageError, "mixed.toml is a file; give the folder that"),
     "a path of bytes": (lambda it: gelsim.load(b"a"), TypeError, "give a path"),
     "layers that are no list": (lambda it: gelsim.load(it.dataset, layers="depth"), TypeError, ""),
     "what is no function": (lambda it: gelsim.load(it.dataset, transform="depth"), TypeError, ""),

@@ -161,6 +161,10 @@ def test_a_batch_is_its_maps_one_by_one_whatever_the_threads(noisy, maps):
             same({name: value[number] for name, value in several.items()}, single)
 
 
+def test_the_image_may_be_named_among_the_layers(noisy, ball):
+    same(noisy.render(ball, layers=["tactile", "depth"]), noisy.render(ball, layers=["depth"]))
+
+
 def test_a_batch_has_markers_for_each_map(maps):
     dotted = gelsim.Sensor.preset("digit", set=["markers.pitch_mm=2.0"]).render(maps, layers=["markers"])
     counts = [label["markers"]["count"] for label in dotted["label"]]

@@ -100,3 +100,7 @@ def test_a_job_of_several_sensors_is_that_of_the_first_with_a_word(made, project
     with pytest.warns(UserWarning, match="the job has 3 sensors; this shows gelsight-mini"):
         job = gelsim.Job.load(tmp_path / "job.toml")
     assert job[0]["label"]["sensor"]["name"] == "gelsight-mini"
+    again = pickle.loads(pickle.dumps(job))
+    assert np.array_equal(again[1]["tactile"], job[1]["tactile"])
+    gelsim.generate(again, tmp_path / "again")
+    assert sorted(path.name for path in (tmp_path / "again").iterdir() if path.is_dir()) == ["digit", "gelsight-mini", "geltip"]

@@ -257,13 +257,14 @@ class Touch:
         """
         depths = self.depths(pad, objects)
         touching = [name for name, depth in depths.items() if depth > 0.0]
-        self._follow(touching, depths)
-        name = self._followed
+        name = self._chosen(touching, depths)
         self.depth_mm = depths[name] if touching else max(depths.values(), default=-math.inf)
         place = pad.inverse() @ objects[name] if name in objects else away()
         if self._deepest is None and self.depth_mm > self._thickness:
             said = f"{name!r} is {self.depth_mm:.3g} mm deep in a pad of {self._thickness:g} mm"
             raise UsageError(f"{said}; press it less deep, or give deepest_mm, the depth it is held at with a warning")
+        # Only now, so that a step that is refused leaves the memory as it is.
+        self._follow(name, touching)
         if self._deepest is not None and self.depth_mm > self._deepest:
             self._warn("deep", f"{name!r} is {self.depth_mm:.3g} mm deep, and pressed by deepest_mm = {self._deepest:g} mm")
         limit = self._thickness if self._deepest is None else self._deepest
@@ -324,17 +325,26 @@ class Touch:
         qx, qy, qz, qw = place.xyzw.tolist()
         return simulator.step(mesh, Placement((x, y, z), (qx, qy, qz, qw)), duration_s=duration_s)
 
-    def _follow(self, touching: list[Any], depths: dict[Any, float]) -> None:
-        """Follows what touches, the same object as long as it does."""
+    def _chosen(self, touching: list[Any], depths: dict[Any, float]) -> Any:
+        """The object that a step follows: the same one as long as it touches."""
         if touching and self._followed not in touching:
-            followed = max(touching, key=depths.__getitem__)
-            if followed != self._followed and self._has_touched:
-                self.simulator.reset(friction=self.friction, **self._random)
-            self._followed = followed
+            return max(touching, key=depths.__getitem__)
+        return self._followed
+
+    def _follow(self, name: Any, touching: list[Any]) -> None:
+        """Follows an object; with another one the memory begins anew."""
+        if name != self._followed and self._has_touched:
+            self.simulator.reset(friction=self.friction, **self._random)
+        self._followed = name
         self._has_touched |= bool(touching)
         for other in touching:
-            if other != self._followed:
-                self._warn(f"beside {other}", f"{other!r} touches, too, and is not felt: the pad follows {self._followed!r}")
+            if other != name:
+                self._warn(f"beside {other}", f"{other!r} touches, too, and is not felt: the pad follows {name!r}")
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Of a copy, or in another process: the pad's memory stays behind.
+        self.__dict__.update(state)
+        self.reset()
 
     def _warn(self, cause: str, said: str) -> None:
         """Once until `reset`."""

@@ -100,8 +100,10 @@ class Coupling:
         """Force and torque of the object on the pad at this time, in the world, about the pad's origin.
 
         Where contact begins, or has become deeper or shallower by more than a straight line can tell, it takes a tactile frame.
-        UsageError for places that are not finite."""
+        A time before the last frame's begins anew. UsageError for places that are not finite."""
         numpy = need("numpy")
+        if time_s < self._sensed_s:
+            self.reset()
         if self._place is None:
             is_new = max(self.touch.depths(pad, objects).values(), default=0.0) > 0.0
         else:

@@ -28,7 +28,7 @@ def observation_space(simulator: Simulator, parts: Sequence[str] = DEFAULT) -> A
     - `image`: uint8 (H, W, 3), the tactile image
     - `wrench`: float32 (6,), force (N) and torque (N mm) of the object on the pad, in the pad's frame
     - `slip`: 0 none, 1 incipient, 2 gross
-    - `markers`: float32 (N, 2), how far each printed dot has moved to the right and down, px
+    - `markers`: float32 (N, 2), how far each dot that is in view on the untouched pad has moved to the right and down, px
     - `depth`: float32 (H, W), how far the object reaches below the untouched pad, mm
     - `contact`: uint8 (H, W), 255 where the pad touches the object
 
@@ -77,6 +77,9 @@ def part_of(press: Impression, name: str) -> Any:
         return numpy.int64(SLIP.index(press.slip_state or "none"))
     if name == "markers":
         dots: Any = press.markers
-        moved: NDArray[Any] = (dots["moved_px"] - dots["rest_px"]).astype(numpy.float32)
+        rest, size = dots["rest_px"], press.image.shape[1::-1]
+        # Those that have moved into view are not in the space.
+        printed = ((rest >= 0.0) & (rest <= size)).all(axis=1)
+        moved: NDArray[Any] = (dots["moved_px"] - rest)[printed].astype(numpy.float32)
         return moved
     return getattr(press, name)

@@ -304,13 +304,14 @@ impl Sliding {
                     && is_same_pose(&pose, &in_frame)
                     && (ground.drop_mm.is_none() || moved == FrameMotion::default())
                     // If the window cut the object, a move of the view brings a new part into it.
-                    && (!self.is_cut || self.next_view_centre() == self.view_centre_px)
+                    && (!self.is_cut || self.seen_centre_px() == self.view_centre_px)
                 });
-            if !stays {
-                self.view_centre_px = self.next_view_centre();
-            }
-            let found =
-                (!stays).then(|| self.solve_pressure(indenter, step.depth_mm, in_frame, self.view_centre_px, ground));
+            let found = (!stays).then(|| {
+                let solve = |centre_px| self.solve_pressure(indenter, step.depth_mm, in_frame, centre_px, ground);
+                let (centre_px, found) = self.solve_in_view(solve);
+                self.view_centre_px = centre_px;
+                found
+            });
             self.apply_pressure(found, (in_frame, step.depth_mm), moved);
         }
     }
@@ -436,16 +437,25 @@ impl Sliding {
         }
     }
 
-    /// Returns the centre of the next view. The view should show what the camera sees; it stays while that is close to
-    /// its centre.
-    fn next_view_centre(&self) -> [i64; 2] {
-        let spacing_mm = self.view.mm_per_px;
+    /// Returns the pixel of the frame at which the camera's middle is.
+    fn seen_centre_px(&self) -> [i64; 2] {
         let seen = self.frame.axes().to_frame([0.0; 2]);
-        let off = |k: usize| (seen[k] / spacing_mm[k] - self.view_centre_px[k] as f64).abs();
-        match (0..2).any(|k| off(k) > 0.1 * self.view.resolution_px[k] as f64) {
-            true => [0, 1].map(|k| libm::round(seen[k] / spacing_mm[k]) as i64),
-            false => self.view_centre_px,
+        [0, 1].map(|k| libm::round(seen[k] / self.view.mm_per_px[k]) as i64)
+    }
+
+    /// Solves for a pressure in a view around a centre, which should show what the camera sees. The view stays while it
+    /// is close to that, unless it cuts the object: then each pixel brings another part of the object into it. Returns
+    /// the centre, and what was found there.
+    fn solve_in_view(&self, solve: impl Fn([i64; 2]) -> (Option<Load>, bool)) -> ([i64; 2], (Option<Load>, bool)) {
+        let (seen, last) = (self.seen_centre_px(), self.view_centre_px);
+        let is_near = (0..2).all(|k| (seen[k] - last[k]).abs() as f64 <= 0.1 * self.view.resolution_px[k] as f64);
+        if is_near && !self.is_cut && last != seen {
+            let found = solve(last);
+            if !found.1 {
+                return (last, found);
+            }
         }
+        (seen, solve(seen))
     }
 
     /// Computes the normal force on the pad, N, if the object were pressed to a depth at a pose.
@@ -456,8 +466,9 @@ impl Sliding {
         depth_mm: f64,
         ground: CaptureInput<'_>,
     ) -> f64 {
-        let (load, _) =
-            self.solve_pressure(indenter, depth_mm, self.frame.pose_in_frame(pose), self.next_view_centre(), ground);
+        let in_frame = self.frame.pose_in_frame(pose);
+        let solve = |centre_px| self.solve_pressure(indenter, depth_mm, in_frame, centre_px, ground);
+        let (_, (load, _)) = self.solve_in_view(solve);
         load.map_or(0.0, |load| {
             let sum: f64 = load.pressure.data.iter().map(|p| f64::from(p.max(0.0))).sum();
             1e-3 * self.youngs_modulus_kpa * sum * load.mm_per_px[0] * load.mm_per_px[1]

@@ -20,8 +20,8 @@ pub struct UnitVariation {
     /// How much each sample's sensor is another unit, as a fraction of these standard deviations, 0 to 1: at 0 all
     /// samples are of one unit, at 1 they differ as real units do.
     pub variation: f64,
-    /// Brightness of each LED, as a fraction of it. Not used if `stray_light` makes the LEDs' light follow that of a
-    /// rendered background.
+    /// Brightness of all LEDs together, as a fraction of it. Not used if `stray_light` makes the LEDs' light follow that
+    /// of a rendered background.
     pub led_intensity: f64,
     /// Each coefficient of an LED's pattern but the first.
     pub led_pattern: f64,

@@ -154,14 +154,10 @@ impl Document {
             }
             let problem = Diagnostic::new(format!("not valid TOML: {}", error.message())).at(place);
             let first = syntax_help::find_first_duplicate(&text, span.start).filter(|_| is_duplicate(&error));
-            let help = match first {
-                Some(line) => Some(format!("it stands in line {line} already: keep one")),
+            problems.push(problem.help(match first {
+                Some(line) => format!("it stands in line {line} already: keep one"),
                 None => syntax_help::suggest_fix(&text, span.start),
-            };
-            problems.push(match help {
-                Some(help) => problem.help(help),
-                None => problem,
-            });
+            }));
         }
         if slips > MAX_SLIPS {
             let shown = format!("{name}: {slips} lines are not valid TOML; the first {MAX_SLIPS} are shown");

@@ -84,9 +84,9 @@ pub struct NumericsLabel {
     pub strain: f64,
     /// True if the strain is over 0.5, beyond which the linear theory of the elastic pad does not hold.
     pub beyond_theory: bool,
-    /// Expected largest error of the surface within 2 mm of the contact due to the model's linear theory, um, within a
-    /// factor of two, or of 2.5 for most contacts that stick; 0 if no edge of a contact is in view, null if it is not
-    /// known.
+    /// Expected largest error of the surface within 2 mm of the contact, um, due to linear theory, or to what is left
+    /// where finite strain was solved; as a rule within a factor of two, or of 2.5 for most contacts that stick. 0 if no
+    /// edge of a contact is in view, null if it is not known.
     pub model_error_um: Option<f64>,
     /// Why `model_error_um` is null; empty if it is known.
     #[serde(default)]
@@ -108,7 +108,7 @@ pub struct NumericsLabel {
     #[serde(default)]
     pub light_outside_range: f64,
     /// Expected mean error of the image within the contact and 1 mm around it due to what the model of the light leaves
-    /// out, grey levels, as a rule within a factor of two; 0 without contact, null if it is not known.
+    /// out, grey levels, as a rule within a factor of two; null if it is not known, else 0 without contact.
     #[serde(default)]
     pub light_error_levels: Option<f64>,
     /// Why `light_error_levels` is null; empty if it is known.

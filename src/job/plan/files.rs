@@ -8,6 +8,7 @@ use super::check::JobChecker;
 use super::paths::FileKind;
 use super::{paths, sensor_view};
 use crate::config::Job;
+use crate::config::document::RESOLVED_HEADER;
 use crate::config::texture::{Pattern, TextureDistribution};
 use gelsim_core::base::view::MOST_PX;
 use gelsim_core::depth::relief::Relief;
@@ -85,7 +86,15 @@ pub fn check_hash(
         check.report_error(&key(), message, "write that, as sha256sum prints it, or remove this key");
     } else {
         let message = format!("{} has changed: its SHA-256 is {hash}", file());
-        check.report_error(&key(), message, "restore the file, or remove this key");
+        check.report_error(&key(), message, help_for_changed_file(check));
+    }
+}
+
+/// Says what to do when a file is not the one whose SHA-256 a job gives.
+fn help_for_changed_file(check: &JobChecker<'_>) -> &'static str {
+    match check.document.sources.first().is_some_and(|source| source.text.starts_with(RESOLVED_HEADER)) {
+        true => "restore the file; the file as it is makes another dataset: generate it into another folder",
+        false => "restore the file, or remove this key",
     }
 }
 
@@ -208,11 +217,8 @@ fn load_sample_backgrounds(
         let sha256 = sha256.unwrap_or_default();
         if given.get(i).is_some_and(|given| *given != sha256) {
             let message = format!("the background {path} has changed: its SHA-256 is {sha256}");
-            check.report_error(
-                &format!("sensor.background_sha256.{i}"),
-                message,
-                "restore the file, or remove this key",
-            );
+            let help = help_for_changed_file(check);
+            check.report_error(&format!("sensor.background_sha256.{i}"), message, help);
         }
         let found = [image.width() as usize, image.height() as usize];
         match size {

@@ -1,7 +1,7 @@
 //! Names classes if the job does not: after the files, or after the folders that they are in.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 use super::meshes::ObjectFile;
 use crate::config::object::{ClassFrom, Object};
@@ -61,6 +61,18 @@ fn find_class_folder(written: &str, file: &ObjectFile) -> String {
     absolute.parent().and_then(|folder| split_path(folder).pop()).unwrap_or_else(|| String::from("folder"))
 }
 
+/// Removes each `..` with the folder before it, so that one folder has one spelling.
+fn remove_steps_back(path: &Path) -> PathBuf {
+    let mut plain = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::ParentDir if plain.file_name().is_some() => drop(plain.pop()),
+            part => plain.push(part),
+        }
+    }
+    plain
+}
+
 fn split_path(path: &Path) -> Vec<String> {
     let normal = path.components().filter(|part| !matches!(part, Component::CurDir));
     normal.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()
@@ -69,7 +81,7 @@ fn split_path(path: &Path) -> Vec<String> {
 /// Returns for each path the folder, counted from the end, by which all of them differ. If no single folder does, it is
 /// the path below the folders that they share. Returns `None` if all are in one folder.
 fn find_distinct_folders(paths: &[&Path]) -> Option<Vec<String>> {
-    let absolute = |path: &&Path| std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    let absolute = |path: &&Path| remove_steps_back(&std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()));
     let folders: Vec<Vec<String>> =
         paths.iter().map(absolute).map(|path| path.parent().map(split_path).unwrap_or_default()).collect();
     let different: BTreeSet<&Vec<String>> = folders.iter().collect();
@@ -113,6 +125,7 @@ mod tests {
     fn the_folder_that_differs_is_found() {
         assert_eq!(differ(&["/y/1_a/g/n.stl", "/y/2_b/g/n.stl"]), Some(vec!["1_a".into(), "2_b".into()]));
         assert_eq!(differ(&["/y/a/n.stl", "/y/a/n.obj"]), None);
+        assert_eq!(differ(&["/y/a/n.stl", "/y/b/../a/n.stl"]), None);
         assert_eq!(differ(&["/y/a/n.stl", "/y/a/n.obj", "/y/b/n.stl"]), Some(vec!["a".into(), "a".into(), "b".into()]));
         let crossed = differ(&["/y/a/u/n.stl", "/y/a/v/n.stl", "/y/b/u/n.stl"]);
         assert_eq!(crossed, Some(vec!["a/u".into(), "a/v".into(), "b/u".into()]));

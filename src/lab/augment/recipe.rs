@@ -15,7 +15,7 @@ use super::trace::TraceColumns;
 use super::{make, metadata, photometric, sensor};
 use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::user_error;
-use gelsim_files::diagnostic::{Diagnostics, Report};
+use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::foreign::decode_text;
 use gelsim_files::input as files;
 use gelsim_job::config::document::{Document, MAX_READ_BYTES};
@@ -198,6 +198,7 @@ fn resolve_recipe(
             Err(found) => return Err(add_mixing_problems(found.merged_with(report), &document, &written, size)),
         };
         if let (Some(set), Some(division), Some(recipients)) = (&set, &division, &recipients) {
+            notes.extend(compare_sensors(set, &plan.job().sensor.name, "counterparts"));
             let receives = |number: usize| recipients.paired[division.split_of_real[number]];
             let (found, unknown) = metadata::resolve_presses(set, &plan, &receives, &mut notes);
             of_reals = found;
@@ -243,6 +244,7 @@ fn resolve_recipe(
         let mut of_labels = Diagnostics::default();
         synthetic_mix::check_class_folders(&mut check, &recipe.set, &plan, &mut of_labels);
         synthetic_mix::warn_of_unlabelled_samples(&recipe.set, &mut of_labels);
+        of_labels.extend(compare_sensors(&recipe.set, &plan.job().sensor.name, "new samples"));
         recipe.notes = recipe.notes.merged_with(Report::new(&of_labels, &document.sources));
         recipe.notes = recipe.notes.merged_with(plan.notes.clone());
         let without_synthetic = recipe.count_without_synthetic();
@@ -260,14 +262,20 @@ fn resolve_recipe(
             return Err(Report::new(&problems, &document.sources));
         }
     }
-    match make::find_name_collision(&recipe) {
-        None => Ok(recipe),
-        Some(name) => Err(user_error(
-            format!("{name} would be the name of two samples of the output"),
+    let Some(name) = make::find_name_collision(&recipe) else { return Ok(recipe) };
+    let message = format!("{name} would be the name of two samples of the output");
+    let root = &recipe.set.root;
+    Err(match root.join("augment.json").is_file() {
+        true => user_error(
+            format!("{message}: {} is an output of gelsim augment already", root.display()),
+            "name the dataset that it was made of: what was made of it would count as real",
+        ),
+        false => user_error(
+            message,
             "rename the real one: images made of KEY.png and of KEY.jpg are called KEY-photometric-0-0.png and KEY-twin.png, new \
              ones synthetic-NUMBER.png",
-        )),
-    }
+        ),
+    })
 }
 
 /// Adds the problems of the job that `[mixing]` names to a report, although the run has failed already.
@@ -300,6 +308,16 @@ fn check_trace_columns(check: &mut JobChecker<'_>, set: &RealDataset, trace: &Tr
         let help = "give the columns that augment adds other names: [output] prefix = \"gelsim_\"";
         check.report_error("output.prefix", message, help);
     }
+}
+
+/// Returns a warning about labels of gelsim that name another sensor than the one of what is made from them.
+fn compare_sensors(set: &RealDataset, sensor: &str, made: &str) -> Option<Diagnostic> {
+    let theirs = set.example.get("sensor")?.get("name")?.as_str().filter(|_| is_own_label(&set.example))?;
+    let message = format!("the labels are of the sensor `{theirs}`, and {made} would be of `{sensor}`");
+    (theirs != sensor).then(|| {
+        Diagnostic::warning(message)
+            .help("write that sensor under [sensor], with `preset` or `file`; of [mixing] in its job")
+    })
 }
 
 /// Determines the splits: the input's own, or new ones.

@@ -10,6 +10,13 @@ use super::traction_grid::{TractionGrid, Vector, difference, dot, largest_length
 /// Iterations after which the solver gives up.
 const MAX_ITERATIONS: u32 = 300;
 
+/// Most iterations for tractions that should be at their limits, once all points are within the tolerance.
+const MAX_LIMIT_ITERATIONS: u32 = 30;
+
+/// By how much a traction that slips may be below its limit, as a share of it. A point that cannot follow is within any
+/// tolerance of displacement as soon as its limit is small, so that this needs a bound of its own.
+const LIMIT_TOLERANCE: f32 = 1e-3;
+
 /// Share of its limit from which on a traction is at the limit.
 const LIMIT_SHARE: f32 = 1.0 - 1e-6;
 
@@ -25,6 +32,15 @@ pub struct TractionOutcome {
     pub residual_mm: f64,
     /// True if that is within the tolerance, or within rounding.
     pub converged: bool,
+    /// Rounding error of the displacements, mm.
+    pub rounding_mm: f64,
+}
+
+/// Returns the traction that brings a point closer to where it is wanted, by its own response alone: `left_mm` is the
+/// distance that is left, `own_mm` the point's displacement by a unit of traction.
+pub(super) fn limited_trial(traction: Vector, left_mm: Vector, limit: f32, own_mm: f32) -> (Vector, bool) {
+    let trial = [0, 1].map(|k| traction[k] + left_mm[k] / own_mm);
+    (limit_length(trial, limit), vector_length(trial) >= limit)
 }
 
 /// Turns `tractions`, one for each point of `grid`, into those that move the points to `wanted`, mm, as far as the
@@ -40,27 +56,35 @@ pub(super) fn solve_tractions(
         return TractionOutcome { converged: true, ..TractionOutcome::default() };
     }
     let own = grid.own_response();
-    let tolerance_mm = tolerance_mm.max(ROUNDING * largest_length(wanted));
+    let rounding_mm = ROUNDING * largest_length(wanted);
+    let tolerance_mm = tolerance_mm.max(rounding_mm);
     tractions.iter_mut().zip(limits).for_each(|(t, limit)| *t = limit_length(*t, *limit));
     let begun = tractions.iter().any(|t| *t != [0.0; 2]);
     let mut moved = if begun { grid.apply_response(tractions, false) } else { vec![[0.0; 2]; limits.len()] };
     let mut direction = vec![[0.0; 2]; limits.len()];
     let mut last: Option<(f64, Vec<Vector>)> = None;
     let mut softest: Option<f64> = None;
-    let mut iterations = 0;
+    let (mut iterations, mut since_settled) = (0, 0);
     loop {
         // The remaining distance is the direction of descent.
         let left = difference(wanted, &moved);
-        let alone = |((t, e), limit): ((&Vector, &Vector), &f32)| {
-            let next = limit_length([0, 1].map(|k| t[k] + e[k] / own), *limit);
-            vector_length([0, 1].map(|k| next[k] - t[k]))
-        };
-        let steps = tractions.iter().zip(&left).zip(limits).map(alone);
-        // A NaN must count as large.
-        let longest = steps.fold(0.0, |most: f32, step| if step <= most || most.is_nan() { most } else { step });
+        let (mut longest, mut short_of_limit) = (0.0_f32, false);
+        for ((t, e), limit) in tractions.iter().zip(&left).zip(limits) {
+            let (next, slips) = limited_trial(*t, *e, *limit, own);
+            let step = vector_length([0, 1].map(|k| next[k] - t[k]));
+            // A NaN must count as large.
+            longest = if step <= longest || longest.is_nan() { longest } else { step };
+            short_of_limit |= slips && step > LIMIT_TOLERANCE * limit;
+        }
         let residual_mm = f64::from(own * longest);
-        if residual_mm <= tolerance_mm || iterations == MAX_ITERATIONS {
-            return TractionOutcome { iterations, residual_mm, converged: residual_mm <= tolerance_mm };
+        let outcome = |converged| TractionOutcome { iterations, residual_mm, converged, rounding_mm };
+        if residual_mm <= tolerance_mm {
+            if !short_of_limit || since_settled == MAX_LIMIT_ITERATIONS || iterations == MAX_ITERATIONS {
+                return outcome(true);
+            }
+            since_settled += 1;
+        } else if iterations == MAX_ITERATIONS {
+            return outcome(false);
         }
         iterations += 1;
         let cone = TangentCone::new(tractions, &left, limits, own);
@@ -93,7 +117,7 @@ pub(super) fn solve_tractions(
         let curvature = dot(&direction, &response) + bent;
         let along = (dot(&gradient, &direction) / curvature) as f32;
         if !along.is_finite() {
-            return TractionOutcome { iterations, residual_mm, converged: false };
+            return TractionOutcome { iterations, residual_mm, converged: residual_mm <= tolerance_mm, rounding_mm };
         }
         let mut clipped = false;
         let mut next: Vec<Vector> = Vec::with_capacity(limits.len());
@@ -114,8 +138,8 @@ pub(super) fn solve_tractions(
             softest = Some(soft);
             if soft > 1e6 * f64::from(own) {
                 // No step is short enough: what remains is rounding, unless it is large.
-                let converged = residual_mm <= 10.0 * tolerance_mm.max(ROUNDING * largest_length(wanted));
-                return TractionOutcome { iterations, residual_mm, converged };
+                let converged = residual_mm <= 10.0 * tolerance_mm;
+                return TractionOutcome { iterations, residual_mm, converged, rounding_mm };
             }
             let descend = |((t, e), limit): ((&Vector, &Vector), &f32)| {
                 limit_length([0, 1].map(|k| t[k] + e[k] / soft as f32), *limit)

@@ -24,8 +24,8 @@ const TOLERANCE_SHARE: f64 = 0.05;
 /// Smallest tolerance, mm.
 const FINEST_MM: f64 = 1e-7;
 
-/// Share of its limit from which on a traction slips.
-const SLIPS_FROM: f32 = 1.0 - 1e-5;
+/// Slip in a step below which a point rests, as a multiple of the displacements' rounding error.
+const REST: f64 = 2.0;
 
 /// Room around the contact, in thicknesses, so that its copies on the torus have no influence.
 const ROOM: f64 = 6.0;
@@ -123,6 +123,8 @@ struct ContactFields {
     anchors: Grid<[f64; 2]>,
     /// Motion of each point under the pressure and the remembered loads, mm.
     pressure_motion: Grid<Vector>,
+    /// Whether each point slipped in the last step.
+    slips: Grid<bool>,
 }
 
 impl FrictionHistory {
@@ -223,12 +225,10 @@ impl FrictionHistory {
             return StickSlip::Apart;
         }
         let [x, y] = pixel.map(|at| at as usize);
-        let p = contact.pressure.at(x, y);
-        let limit = (self.coefficient * f64::from(p)) as f32;
-        match p > 0.0 {
-            false => StickSlip::Apart,
-            true if is_sticking(contact.tractions.at(x, y), limit) => StickSlip::Sticks,
-            true => StickSlip::Slips,
+        match (contact.pressure.at(x, y) > 0.0, contact.slips.at(x, y)) {
+            (false, _) => StickSlip::Apart,
+            (true, false) => StickSlip::Sticks,
+            (true, true) => StickSlip::Slips,
         }
     }
 
@@ -300,6 +300,7 @@ impl FrictionHistory {
             change: Grid::new(width, height),
             anchors: Grid::new(width, height),
             pressure_motion: Grid::new(width, height),
+            slips: Grid::new(width, height),
         };
         if let Some(contact) = &self.contact {
             let [dx, dy] = [0, 1].map(|k| contact.first[k] - first[k]);
@@ -366,10 +367,6 @@ fn divide_by_stiffness(moved: &mut Grid<Vector>, stiffness: f64) {
         let share = (1.0 / stiffness) as f32;
         moved.data.iter_mut().flatten().for_each(|mm| *mm *= share);
     }
-}
-
-fn is_sticking(traction: Vector, limit: f32) -> bool {
-    vector_length(traction) < limit * SLIPS_FROM
 }
 
 impl ContactFields {
@@ -542,16 +539,24 @@ impl ContactFields {
                 hold.row_mut(y)[x] = [0, 1].map(|k| f64::from(u[k]) + f64::from(free[k]));
             }
         }
+        // A point slips if its traction is at the limit and the object has left it behind. What is at its limit and rests,
+        // as after a slide, sticks.
+        let own_mm = self.grid.own_response();
+        let rest_mm = REST * solved.rounding_mm.max(FINEST_MM);
+        self.slips.data.fill(false);
         for ((&[x, y], t), limit) in pixels.iter().zip(&tractions).zip(&bounds) {
             let (free, wanted) = (free.at(x, y).map(f64::from), wanted.at(x, y));
             let anchor = [0, 1].map(|k| wanted[k] + free[k]);
             let there = &mut hold.row_mut(y)[x];
-            if is_sticking(*t, *limit) {
+            let slip = [0, 1].map(|k| there[k] - anchor[k]);
+            let left_mm = slip.map(|mm| (-pad.stiffness * mm) as f32);
+            let (_, is_limited) = coulomb::limited_trial(*t, left_mm, *limit, own_mm);
+            if !is_limited || f64::from(vector_length(left_mm)) <= rest_mm {
                 *there = anchor;
                 step.sticking += 1;
                 step.gross = false;
             } else {
-                let slip = [0, 1].map(|k| there[k] - anchor[k]);
+                self.slips.row_mut(y)[x] = true;
                 step.slip_mm = [0, 1].map(|k| step.slip_mm[k] + slip[k]);
                 let held_before = before.map_or(*limit, |before| (coefficient * f64::from(before.at(x, y))) as f32);
                 step.heat += friction_work([earlier.at(x, y), *t], [held_before, *limit], slip);
@@ -569,6 +574,7 @@ impl ContactFields {
             for x in 0..width {
                 let joins = before.is_some_and(|before| before.at(x, y) <= 0.0);
                 if self.pressure.at(x, y) > 0.0 && limits.at(x, y) <= 0.0 && !joins {
+                    self.slips.row_mut(y)[x] = true;
                     let (there, free, wanted) = (hold.at(x, y), free.at(x, y), wanted.at(x, y));
                     step.slip_mm = [0, 1].map(|k| step.slip_mm[k] + there[k] - wanted[k] - f64::from(free[k]));
                     step.gross |= step.sticking == joined;
@@ -578,6 +584,7 @@ impl ContactFields {
         step.heat *= self.pixel_area_mm2();
         step.slip_mm = step.slip_mm.map(|sum| sum / touching.max(1) as f64);
         if coefficient == 0.0 {
+            self.slips.data.fill(true);
             step.sticking = 0;
             step.gross = touching > 0;
         }

@@ -72,6 +72,10 @@ const MOST_OWN_NODES: f64 = 320.0;
 /// Fewest nodes per thickness, where a contact is wide.
 const FEWEST_NODES: f64 = 4.0;
 
+/// Nodes across a small contact, as many as there is room for in the box. On fewer, edges and force are off by as much
+/// as linear theory.
+const NODES_ACROSS: f64 = 8.0;
+
 /// How far around the object's lower parts nodes may touch it, thicknesses: so far a node may move.
 const REACH: f64 = 0.3;
 
@@ -81,10 +85,14 @@ const REACH: f64 = 0.3;
 const NEGLIGIBLE_SHARES: [f64; 2] = [0.15, 0.07];
 
 /// Share of the linear layer's expected error that is left as the largest error beside the contact, as a rule: where
-/// edges are hardly rounded, and where they are rounded by more than `SHARP` thicknesses. In half of 121 presses of the
+/// edges are hardly rounded, and where they are rounded by more than `SHARP` thicknesses or the contact is narrower than
+/// `COARSE_BELOW` nodes. In half of 121 presses of the
 /// finite elements' table it is less than 0.25, in nine of ten less than 0.9.
 const ERROR_SHARES: [f64; 2] = [0.3, 0.7];
 const SHARP: f64 = 0.1;
+
+/// Nodes across a contact below which it is not resolved, and more of the expected error is left.
+const COARSE_BELOW: f64 = 4.5;
 
 /// Largest radius by which edges are rounded, as a share of the depth: shallow tips are not to vanish.
 const MOST_OPENED: f64 = 0.5;
@@ -120,8 +128,7 @@ impl ElasticPad {
         }
         let edge = self.overlap_edge(depth);
         let effort = self.effort(depth, edge, &settings);
-        let (nodes, _) = effort.tries[0];
-        if self.node_spacing_mm(touching, &settings, nodes, effort.room).is_none() {
+        if self.tries(touching, &settings, effort).is_none() {
             return Requirement::Absent(TOO_WIDE);
         }
         let negligible_um = NEGLIGIBLE_SHARES[usize::from(is_wall(edge))] * settings.tolerance_um;
@@ -182,6 +189,23 @@ impl ElasticPad {
         }
     }
 
+    /// Returns what is tried in turn: the distance between nodes, mm, and the radius by which edges are rounded,
+    /// thicknesses; `None` if the contact is too wide for a box.
+    fn tries(&self, touching: Rect, settings: &StrainSettings, effort: &Effort) -> Option<Vec<(f64, f64)>> {
+        let usual = |(nodes, opening): &(f64, f64)| {
+            Some((self.node_spacing_mm(touching, settings, *nodes, effort.room)?, *opening))
+        };
+        let mut tries: Vec<(f64, f64)> = effort.tries.iter().map(usual).collect::<Option<_>>()?;
+        let [x, y] = self.sides_mm(touching);
+        let side_mm = x.max(y) + 2.0 * effort.room * self.layer().thickness_mm;
+        let fine_mm = (x.min(y) / NODES_ACROSS).max(side_mm / MOST_NODES);
+        let is_resolved = x.min(y) >= COARSE_BELOW * fine_mm;
+        if settings.thorough && settings.spacing_mm.is_none() && is_resolved && fine_mm < tries[0].0 {
+            tries.insert(0, (fine_mm, tries[0].1));
+        }
+        Some(tries)
+    }
+
     fn sides_mm(&self, touching: Rect) -> [f64; 2] {
         let mm_per_px = self.mm_per_px();
         [touching.width() as f64 * mm_per_px[0], touching.height() as f64 * mm_per_px[1]]
@@ -197,8 +221,7 @@ impl ElasticPad {
         let effort = self.effort(depth, self.overlap_edge(depth), &settings);
         let (mut solver, mut last_spacing_mm) = (None, 0.0);
         let mut iterations = 0;
-        for (nodes, opening) in effort.tries {
-            let spacing_mm = self.node_spacing_mm(depth.touching, &settings, *nodes, effort.room).ok_or(TOO_WIDE)?;
+        for (spacing_mm, opening) in self.tries(depth.touching, &settings, effort).ok_or(TOO_WIDE)? {
             if spacing_mm != last_spacing_mm {
                 solver = None;
                 last_spacing_mm = spacing_mm;
@@ -271,6 +294,8 @@ impl ElasticPad {
         if !press.converged {
             return Try::Failed(press.iterations);
         }
+        let [x, y] = self.sides_mm(*touching);
+        let is_coarse = x.min(y) < COARSE_BELOW * node_mm[0].max(node_mm[1]);
         let window = [penetration.width, penetration.height];
         let placed = |first_px: [f64; 2], spacing_mm| GridPlacement {
             origin_mm: std::array::from_fn(|k| (first_px[k] + 0.5 - 0.5 * window[k] as f64) * mm_per_px[k]),
@@ -288,7 +313,7 @@ impl ElasticPad {
             reach_mm: surface.reach_mm,
             opened_mm,
             sticks: settings.stick,
-            error_share: ERROR_SHARES[usize::from(opened_mm > SHARP * h)],
+            error_share: ERROR_SHARES[usize::from(opened_mm > SHARP * h || is_coarse)],
             iterations: press.iterations,
             residual_um: 1e3 * press.residual_mm,
         }))

@@ -105,10 +105,12 @@ impl Sliding {
             && self
                 .pressed_pose
                 .is_some_and(|(pose, depth_mm)| depth_mm == step.depth_mm && is_same_pose(&pose, &step.pose));
-        if !stays {
-            self.view_centre_px = self.next_view_centre();
-        }
-        let found = (!stays).then(|| self.solve_pressure_on_gel(object, &self.frame, self.view_centre_px));
+        let found = (!stays).then(|| {
+            let (centre_px, found) =
+                self.solve_in_view(|centre_px| self.solve_pressure_on_gel(object, &self.frame, centre_px));
+            self.view_centre_px = centre_px;
+            found
+        });
         self.apply_pressure(found, placed, moved);
         // Contact was lost: the next one starts with a new frame.
         if self.pressed_pose.is_none() {

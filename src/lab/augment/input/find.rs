@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::names::{is_split, lowercase_ending};
 use super::{InputLayout, InputUnit, LabelFormat, coco, folders, unread};
 use crate::config::Input;
+use gelsim_dataset::sensor_set::SensorSet;
 use gelsim_files::image_file::has_image_extension;
 use gelsim_files::input::{may_be_file, suggest_file_name};
 use gelsim_files::spelling::join_alternatives;
@@ -50,6 +51,13 @@ pub fn find_units(check: &mut JobChecker<'_>, written: &Input) -> Option<FoundDa
     }
     if !path.is_dir() {
         report_missing_folder(check, &path);
+        return None;
+    }
+    if let Ok(Some(set)) = SensorSet::find(&path) {
+        let message = format!("{} is a set of {} sensors", path.display(), set.sensors.len());
+        let first = path.join(&set.sensors[0].folder);
+        let help = format!("name the folder of one of them: path = \"{}\"", first.display());
+        check.report_error("input.path", message, help);
         return None;
     }
     match find_units_in_folder(check, written, &path) {

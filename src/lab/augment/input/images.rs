@@ -121,7 +121,7 @@ pub(super) fn explain_unreadable(draft: &DatasetDraft<'_>, real: &RealSample, re
 }
 
 fn is_missing(draft: &DatasetDraft<'_>, real: &RealSample) -> bool {
-    draft.layout != InputLayout::Tars && !draft.root.join(&real.path).exists()
+    draft.layout != InputLayout::Tars && !draft.root.join(&real.path).try_exists().unwrap_or(true)
 }
 
 /// Returns what to do about an image that could not be read.

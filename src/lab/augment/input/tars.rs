@@ -65,7 +65,8 @@ pub(super) fn warn_of_missing_tars(draft: &mut DatasetDraft<'_>) {
     }
     let files: BTreeSet<PathBuf> = draft.units.iter().map(|unit| unit.file.clone()).collect();
     let mut missing = find_missing_numbers(&files);
-    missing.extend(list_indexed_tars(draft.root).into_iter().filter(|file| !draft.root.join(file).exists()));
+    missing
+        .extend(list_indexed_tars(draft.root).into_iter().filter(|file| !input::may_be_file(&draft.root.join(file))));
     let Some(first) = missing.first() else { return };
     let message = match missing.len() {
         1 => format!("{} is missing", draft.root.join(first).display()),

@@ -61,11 +61,13 @@ impl FitVerdict {
     }
 
     /// Returns the finding that the fit is useless, if it is; `doubtful` of `all` presses have doubts of their own.
-    pub fn to_finding(&self, doubtful: usize, all: usize) -> Option<Diagnostic> {
+    /// `is_short` says that the training was cut short.
+    pub fn to_finding(&self, doubtful: usize, all: usize, is_short: bool) -> Option<Diagnostic> {
         if !self.is_hopeless() {
             return None;
         }
         let help = match doubtful {
+            _ if is_short => "the training was short: leave --steps out first".to_owned(),
             _ if 2 * doubtful >= all => {
                 "most presses are doubtful, see the warnings: correct their circles and balls first".to_owned()
             }
@@ -171,9 +173,12 @@ mod tests {
         assert!(!verdict(5.9).is_hopeless() && verdict(6.0).is_hopeless() && verdict(f64::NAN).is_hopeless());
         assert!(verdict(3.0).to_sentence().starts_with("the fit explains 75 % of what presses change"));
         assert!(verdict(13.0).to_sentence().starts_with("the fit explains nothing"));
-        assert_eq!(verdict(3.0).to_finding(9, 9), None);
-        let help =
-            |doubtful: usize| verdict(9.0).to_finding(doubtful, 9).and_then(|found| found.help).expect("a way out");
+        assert_eq!(verdict(3.0).to_finding(9, 9, false), None);
+        let help = |doubtful: usize| {
+            verdict(9.0).to_finding(doubtful, 9, false).and_then(|found| found.help).expect("a way out")
+        };
+        let cut_short = verdict(9.0).to_finding(0, 9, true).and_then(|found| found.help);
+        assert!(cut_short.is_some_and(|help| help.contains("leave --steps out")));
         assert!(help(0).contains("one sensor") && help(2).contains("--drop-bad") && help(5).contains("most presses"));
         assert!(FitVerdict { fit: 0.0, background: 0.0, flat: 0.0 }.is_hopeless());
     }
