@@ -86,8 +86,8 @@ const NEGLIGIBLE_SHARES: [f64; 2] = [0.15, 0.07];
 
 /// Share of the linear layer's expected error that is left as the largest error beside the contact, as a rule: where
 /// edges are hardly rounded, and where they are rounded by more than `SHARP` thicknesses or the contact is narrower than
-/// `COARSE_BELOW` nodes. In half of 121 presses of the
-/// finite elements' table it is less than 0.25, in nine of ten less than 0.9.
+/// `COARSE_BELOW` nodes of the contact's grid. In half of 121 presses of the finite elements' table it is less than 0.25,
+/// in nine of ten less than 0.9.
 const ERROR_SHARES: [f64; 2] = [0.3, 0.7];
 const SHARP: f64 = 0.1;
 
