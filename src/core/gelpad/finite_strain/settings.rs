@@ -12,7 +12,7 @@ use crate::gelpad::elastic::shear::Friction;
 #[serde(default, deny_unknown_fields)]
 pub struct FiniteStrain {
     /// Distance between the nodes of the box around the contact in which the rubber is solved, mm, 0.01 to 100. `None`:
-    /// a tenth of the pad's thickness, or an eighth where that is not solved.
+    /// a tenth of the pad's thickness, or an eighth where that is not solved; less under narrow contacts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub box_mm: Option<f64>,
     /// Largest penetration, and largest distance within the contact, that is accepted, um, 0.01 to 1000.
