@@ -496,7 +496,7 @@ class Array:
 
     def step(
         self,
-        indenters: Union[Indenter, list[Mesh], list[str], list[Indenter]],
+        indenters: Union[Indenter, list[Any]],
         poses: Union[Pose, Placement, Sequence[Union[Pose, Placement]]],
         *,
         texture: Optional[Texture] = None,
