@@ -86,8 +86,8 @@ const NEGLIGIBLE_SHARES: [f64; 2] = [0.15, 0.07];
 
 /// Share of the linear layer's expected error that is left as the largest error beside the contact, as a rule: where
 /// edges are hardly rounded, and where they are rounded by more than `SHARP` thicknesses or the contact is narrower than
-/// `COARSE_BELOW` nodes of the contact's grid. In half of 121 presses of the finite elements' table it is less than 0.25,
-/// in nine of ten less than 0.9.
+/// `COARSE_BELOW` nodes. In half of 121 presses of the finite elements' table it is less than 0.25, in nine of ten less
+/// than 0.9.
 const ERROR_SHARES: [f64; 2] = [0.3, 0.7];
 const SHARP: f64 = 0.1;
 
@@ -231,7 +231,10 @@ impl ElasticPad {
             let opened_mm = (opening * self.layer().thickness_mm).min(most_mm);
             match self.try_opened(depth, solver, opened_mm, (&settings, effort)) {
                 Try::Solved(found) => {
-                    return Ok(StrainCorrection { iterations: iterations + found.iterations, ..*found });
+                    let [x, y] = self.sides_mm(depth.touching);
+                    let is_coarse = x.min(y) < COARSE_BELOW * spacing_mm;
+                    let error_share = if is_coarse { ERROR_SHARES[1] } else { found.error_share };
+                    return Ok(StrainCorrection { iterations: iterations + found.iterations, error_share, ..*found });
                 }
                 Try::Failed(more) => iterations += more,
                 // What is thinner than a ball is thinner than the next one, too.
@@ -294,8 +297,6 @@ impl ElasticPad {
         if !press.converged {
             return Try::Failed(press.iterations);
         }
-        let [x, y] = self.sides_mm(*touching);
-        let is_coarse = x.min(y) < COARSE_BELOW * node_mm[0].max(node_mm[1]);
         let window = [penetration.width, penetration.height];
         let placed = |first_px: [f64; 2], spacing_mm| GridPlacement {
             origin_mm: std::array::from_fn(|k| (first_px[k] + 0.5 - 0.5 * window[k] as f64) * mm_per_px[k]),
@@ -313,7 +314,7 @@ impl ElasticPad {
             reach_mm: surface.reach_mm,
             opened_mm,
             sticks: settings.stick,
-            error_share: ERROR_SHARES[usize::from(opened_mm > SHARP * h || is_coarse)],
+            error_share: ERROR_SHARES[usize::from(opened_mm > SHARP * h)],
             iterations: press.iterations,
             residual_um: 1e3 * press.residual_mm,
         }))
