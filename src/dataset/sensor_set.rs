@@ -145,16 +145,14 @@ pub(crate) fn require_usable_set_folder(
     let set = SensorSet::new(members, has_calibration);
     if let Some(known) = SensorSet::find(root)? {
         let gone: Vec<&str> = known.folders_not_in(&set).collect();
-        if let (Some(first), false) = (gone.first(), overwrite) {
-            let message = format!(
-                "{} holds a set with {} that this job has not{} {first}",
-                root.display(),
-                if gone.len() == 1 { String::from("a folder") } else { format!("{} folders", gone.len()) },
-                if gone.len() == 1 { ":" } else { ", the first" },
-            );
-            return refused(message, "choose another folder with --out, or replace that set with --overwrite");
-        }
-        return Ok(Some(known));
+        let what = match *gone {
+            [] => return Ok(Some(known)),
+            _ if overwrite => return Ok(Some(known)),
+            [one] => format!("a folder that this job has not: {one}"),
+            [first, ..] => format!("{} folders that this job has not, the first {first}", gone.len()),
+        };
+        let message = format!("{} holds a set with {what}", root.display());
+        return refused(message, "choose another folder with --out, or replace that set with --overwrite");
     }
     if root.join("job.toml").exists() {
         let message = format!("{} holds a dataset of one sensor", root.display());

@@ -257,7 +257,7 @@ class Touch:
         """
         depths = self.depths(pad, objects)
         touching = [name for name, depth in depths.items() if depth > 0.0]
-        name = self._chosen(touching, depths)
+        name = self._choose_followed(touching, depths)
         self.depth_mm = depths[name] if touching else max(depths.values(), default=-math.inf)
         place = pad.inverse() @ objects[name] if name in objects else away()
         if self._deepest is None and self.depth_mm > self._thickness:
@@ -325,7 +325,7 @@ class Touch:
         qx, qy, qz, qw = place.xyzw.tolist()
         return simulator.step(mesh, Placement((x, y, z), (qx, qy, qz, qw)), duration_s=duration_s)
 
-    def _chosen(self, touching: list[Any], depths: dict[Any, float]) -> Any:
+    def _choose_followed(self, touching: list[Any], depths: dict[Any, float]) -> Any:
         """The object that a step follows: the same one as long as it touches."""
         if touching and self._followed not in touching:
             return max(touching, key=depths.__getitem__)
