@@ -277,8 +277,9 @@ fn find_unclosed_cell(row: &TableRow, layout: &ColumnLayout) -> Option<usize> {
             return Some(last);
         }
     }
-    let spread = row.cells.iter().position(|cell| cell.contains('\n'))?;
-    (row.cells.len() != layout.width || layout.places.contains(&Some(spread))).then_some(spread)
+    let mut spread = (0..row.cells.len()).filter(|cell| row.cells[*cell].contains('\n'));
+    let holds_no_text = |cell: &usize| row.cells.len() != layout.width || layout.places.contains(&Some(*cell));
+    spread.find(holds_no_text)
 }
 
 /// Which cell of a row holds which column.
