@@ -9,7 +9,7 @@ use gelsim_core::effects::Effect;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::optics::LightSource;
 use gelsim_files::sensor::shape::SensorShape;
-use gelsim_files::sensor::{PRESETS, Sensor};
+use gelsim_files::sensor::{PRESETS, Sensor, read_preset};
 use gelsim_job::layers::OutputLayer;
 
 /// The meshes in the project's `objects` folder.
@@ -80,7 +80,9 @@ type ListRow = (String, Value);
 impl List {
     pub(super) fn run(self) -> Result<(), Failure> {
         let rows = match self.what {
-            What::Sensors => PRESETS.into_iter().map(sensor_row).collect::<Result<Vec<ListRow>, Failure>>()?,
+            What::Sensors => {
+                PRESETS.into_iter().filter_map(|(name, _)| Some(sensor_row(name, &read_preset(name)?))).collect()
+            }
             What::Levels => Fidelity::ALL.into_iter().map(fidelity_row).collect::<Result<Vec<ListRow>, Failure>>()?,
             What::Effects => {
                 Effect::ALL.into_iter().map(|effect| format_row(13, effect.name(), effect.summary())).collect()
@@ -105,8 +107,7 @@ fn format_row(width: usize, name: &str, summary: &str) -> ListRow {
     (format!("{name:<width$}  {summary}"), json!({ "name": name, "summary": summary }))
 }
 
-fn sensor_row((name, text): (&str, &str)) -> Result<ListRow, Failure> {
-    let sensor: Sensor = toml::from_str(text).map_err(|error| Failure::runtime(error.to_string()))?;
+fn sensor_row(name: &str, sensor: &Sensor) -> ListRow {
     let ([w, h], [x, y]) = (sensor.resolution_px, sensor.field_of_view_mm);
     let size = match &sensor.shape {
         None => format!("{x} x {y} mm"),
@@ -135,7 +136,7 @@ fn sensor_row((name, text): (&str, &str)) -> Result<ListRow, Failure> {
         "gelpad_poisson_ratio": sensor.gelpad_poisson_ratio,
         "lights": lights,
     });
-    Ok((line, value))
+    (line, value)
 }
 
 fn fidelity_row(level: Fidelity) -> Result<ListRow, Failure> {

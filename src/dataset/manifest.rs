@@ -103,6 +103,10 @@ pub struct ShardEntry {
 impl Versioned for Manifest {
     const NEWEST: u32 = MANIFEST_VERSION;
 
+    fn from_json(text: &[u8]) -> serde_json::Result<Self> {
+        serde_json::from_slice(text)
+    }
+
     fn version(&self) -> u32 {
         self.manifest_version
     }

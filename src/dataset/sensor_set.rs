@@ -54,6 +54,10 @@ pub struct SetEntry {
 impl Versioned for SensorSet {
     const NEWEST: u32 = 1;
 
+    fn from_json(text: &[u8]) -> serde_json::Result<Self> {
+        serde_json::from_slice(text)
+    }
+
     fn version(&self) -> u32 {
         self.set_version
     }

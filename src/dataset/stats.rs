@@ -146,6 +146,10 @@ impl EffectCount {
 impl Versioned for ShardStats {
     const NEWEST: u32 = STATS_VERSION;
 
+    fn from_json(text: &[u8]) -> serde_json::Result<Self> {
+        serde_json::from_value(serde_json::from_slice(text)?)
+    }
+
     fn version(&self) -> u32 {
         self.stats_version
     }

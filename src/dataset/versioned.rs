@@ -4,7 +4,6 @@ use std::io;
 use std::path::Path;
 
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::dataset_error::DatasetError;
@@ -16,9 +15,13 @@ use gelsim_files::input;
 pub struct NewerVersion(String);
 
 /// A kind of file that holds the version of its format.
-pub trait Versioned: DeserializeOwned {
+pub trait Versioned: Sized {
     /// The newest version of the format that is known.
     const NEWEST: u32;
+
+    /// Reads the JSON of a known version. It is written out for each kind, since code for all kinds would be compiled
+    /// again in every crate that reads one.
+    fn from_json(text: &[u8]) -> serde_json::Result<Self>;
 
     /// Returns the version of the format.
     fn version(&self) -> u32;
@@ -51,7 +54,7 @@ pub trait Versioned: DeserializeOwned {
             version: u64,
             generator: Value,
         }
-        if let Ok(found) = serde_json::from_slice::<Self>(text)
+        if let Ok(found) = Self::from_json(text)
             && found.version() <= Self::NEWEST
         {
             return Ok(Self::is_unmodified(text).then_some(found));

@@ -586,6 +586,10 @@ fn more_splits_than_objects_are_refused_where_objects_are_split() {
     std::fs::copy(folder.path("cube.obj"), folder.path("twin.obj")).expect("a copy");
     let edits = [("seed = 7", "split_by = «\"object\"»"), ("\"cube.obj\"", twin)];
     refused_at_marks(&folder, &edited(JOB, &edits), "", &[("3 splits but 2 different object(s)", "add objects")]);
+    // What has its split is not free for another.
+    let edits = [("seed = 7", "split_by = «\"object\"»"), ("\"cube.obj\"", "\"cube.obj\"\nsplit = \"train\"")];
+    let told = "2 split(s) without an object, and 1 object(s) without a `split`";
+    refused_at_marks(&Folder::new(), &edited(JOB, &edits), "", &[(told, "add objects")]);
     // With one that cannot be read there may be enough: only that one is reported.
     let edits =
         [("seed = 7", "split_by = \"object\""), ("\"cube.obj\"", "\"cube.obj\"\n[[object]]\npath = «\"no.obj\"»")];
@@ -700,8 +704,10 @@ fn a_mistake_on_the_command_line_is_shown_with_its_flag() {
         "--set:1:1",
         "dataset.name=mine",
         "not an assignment",
-        "--set 'dataset.name=\"mine\"'",
+        "write --set 'dataset.name = \"mine\"': text stands in quotes",
     );
+    at("--set effects=True", "--set:1:1", "effects=True", "not an assignment", "write --set 'effects = true'");
+    at("--set object=3", "--set:1:8", "3", "expected a list, found 3", "each is a table: write [[object]]");
     at("--set object.5.weight=1", "--set:1:1", "object.5.weight", "no such element; the list has 2", "");
     at("--set object.0.path=\"no.obj\"", "--set:1:15", "\"no.obj\"", "no.obj does not exist", "");
     at("--set dataset.name.x=1", "--set:1:1", "dataset.name.x", "expected text in quotes, found a table", "");
@@ -1016,6 +1022,28 @@ fn json_in_place_of_a_job_is_told_once() {
         "{error}"
     );
     assert_eq!(error.matches("error").count(), 1, "{error}");
+}
+
+#[test]
+fn a_file_of_another_kind_is_told_in_one_message() {
+    let folder = Folder::with_job(JOB);
+    folder.write("sensor.toml", "preset = \"digit\"\ngelpad_thickness_mm = 3.0\n");
+    folder.write("recipe.toml", "[input]\npath = \"real\"\n[[photometric]]\ncopies = 2\n");
+    for (command, told, help) in [
+        ("generate sensor.toml", "sensor.toml is a sensor file, not a job", "[sensor]: file = \"..\""),
+        ("plan recipe.toml", "recipe.toml is a recipe for gelsim augment, not a job", "gelsim augment runs it"),
+        ("augment job.toml", "job.toml is a job, not a recipe", "gelsim generate runs jobs"),
+        ("augment sensor.toml", "sensor.toml is a sensor file, not a recipe", "[sensor]: file = \"..\""),
+    ] {
+        let error = folder.fail(command, 2);
+        assert!(error.contains(told) && error.contains(help), "{command}: {error}");
+        assert_eq!(error.matches("error").count(), 1, "{command}: {error}");
+    }
+    let error = folder.fail("render --sensor job.toml --depth a.npy --plane-mm 1 --out o", 2);
+    assert!(error.contains("job.toml is a job, not a sensor file") && error.contains("list sensors"), "{error}");
+    // Where names of several kinds are mixed, each name is told that does not belong there.
+    folder.write("mixed.toml", "resolution_px = [320, 240]\n[dataset]\nname = \"a\"\n");
+    assert!(folder.fail("generate mixed.toml", 2).contains("unknown key `resolution_px`"));
 }
 
 #[test]

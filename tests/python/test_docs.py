@@ -24,7 +24,8 @@ import tomllib
 import pytest
 
 PROJECT = pathlib.Path(__file__).resolve().parents[2]
-PAGES = [*sorted(PROJECT.glob("*.md")), *sorted((PROJECT / "docs").rglob("*.md"))]
+DOCS = PROJECT / "docs"
+PAGES = [*sorted(PROJECT.glob("*.md")), *sorted(DOCS.rglob("*.md"))]
 NAMES = [str(page.relative_to(PROJECT)) for page in PAGES]
 CARGO = {
     "test": tomllib.loads((PROJECT / "Cargo.toml").read_text())["test"],
@@ -329,13 +330,14 @@ def test_links_lead_somewhere(name):
             broken.append(f"{target} is not there")
         elif anchor and anchor not in anchors(linked.read_text()):
             broken.append(f"{target} has no such heading")
+        elif page.is_relative_to(DOCS) and not linked.is_relative_to(DOCS):
+            broken.append(f"{target} leaves the book")
     assert not broken
 
 
 def test_the_table_of_contents_lists_every_page():
-    docs = PROJECT / "docs"
-    listed = re.findall(r"\]\(([^)\s]+\.md)\)", (docs / "SUMMARY.md").read_text())
-    pages = {str(page.relative_to(docs)) for page in docs.rglob("*.md")} - {"SUMMARY.md"}
+    listed = re.findall(r"\]\(([^)\s]+\.md)\)", (DOCS / "SUMMARY.md").read_text())
+    pages = {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")} - {"SUMMARY.md"}
     assert sorted(listed) == sorted(pages)
 
 

@@ -58,21 +58,26 @@ pub fn simd_dispatch<R>(kernel: impl FnOnce() -> R) -> R {
 #[inline(always)]
 pub fn dispatch_kernel<K: WithSimd>(kernel: K) -> K::Output {
     let most = MOST.get();
-    if most == VectorWidth::Plain {
-        return Arch::Scalar.dispatch(kernel);
-    }
     #[cfg(target_arch = "x86_64")]
     {
         use pulp::x86::{V3, V4};
+        let eight = if most == VectorWidth::Plain { None } else { V3::try_new() };
         let sixteen = if most == VectorWidth::Sixteen { V4::try_new() } else { None };
-        match (V3::try_new(), sixteen) {
+        match (eight, sixteen) {
             (Some(eight), Some(sixteen)) => Simd::vectorize(sixteen, EightLaneKernel { kernel, eight }),
             (Some(eight), None) => Simd::vectorize(eight, kernel),
-            (None, _) => Arch::Scalar.dispatch(kernel),
+            (None, _) => run_plain(kernel),
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    Arch::new().dispatch(kernel)
+    if most == VectorWidth::Plain { run_plain(kernel) } else { Arch::new().dispatch(kernel) }
+}
+
+/// Runs a kernel without wide vectors. It is a function of its own since it is rarely called: within its callers it is
+/// a fifth of what there is to compile.
+#[inline(never)]
+fn run_plain<K: WithSimd>(kernel: K) -> K::Output {
+    Arch::Scalar.dispatch(kernel)
 }
 
 /// A closure as a kernel. pulp accepts closures too, but calls them through a shim that the compiler does not inline.

@@ -316,7 +316,8 @@ fn write_frame_files(out: &Path, source: &FrameSource, members: &[Member]) -> Re
     let label = input::read_if_exists(&path("json"), input::MAX_METADATA_BYTES);
     let label = label.map_err(|error| RenderError::Io(path("json"), error))?;
     let is_ours = label.is_some_and(|label| {
-        serde_json::from_slice::<Label>(&label).is_ok() || serde_json::from_slice::<FrameRow>(&label).is_ok()
+        let Ok(label) = serde_json::from_slice::<serde_json::Value>(&label) else { return false };
+        serde_json::from_value::<Label>(label.clone()).is_ok() || serde_json::from_value::<FrameRow>(label).is_ok()
     });
     for suffix in stale.filter(|suffix| is_ours && members.iter().all(|member| member.suffix != *suffix)) {
         let path = path(&suffix);

@@ -299,15 +299,19 @@ impl std::fmt::Debug for UnknownPreset {
     }
 }
 
+/// Reads the sensor file of a preset by a name of [`PRESETS`]. Returns `None` for any other name.
+pub fn read_preset(name: &str) -> Option<Sensor> {
+    let (_, text) = PRESETS.iter().find(|(known, _)| *known == name)?;
+    Some(toml::from_str(text).expect("presets are sensors and name no file: a test reads them all"))
+}
+
 /// Loads a preset by a name of [`PRESETS`].
 ///
 /// # Errors
 ///
 /// If no preset has this name. The message lists all names.
 pub fn load_preset(name: &str) -> Result<sensor::Sensor, UnknownPreset> {
-    let known = PRESETS.iter().find(|(known, _)| *known == name);
-    let (_, text) = known.ok_or_else(|| UnknownPreset { name: name.to_owned() })?;
-    let written: Sensor = toml::from_str(text).expect("presets are sensors and name no file: a test reads them all");
+    let written = read_preset(name).ok_or_else(|| UnknownPreset { name: name.to_owned() })?;
     let camera = written.camera.clone().unwrap_or_default();
     Ok(written.to_simulator_sensor(written.markers.as_ref(), &camera))
 }

@@ -73,7 +73,7 @@ impl StoreAddress {
 pub fn explain_mistaken_output(path: &Path) -> Option<String> {
     let text = path.to_str()?;
     if text.is_empty() {
-        return Some(String::from("it is empty: name a folder, or leave --out out"));
+        return Some(String::from("it is empty: name a folder, or leave it out"));
     }
     if let Some((scheme, rest)) = text.split_once(":/").filter(|(_, rest)| !rest.starts_with('/')) {
         let known =

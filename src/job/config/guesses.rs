@@ -128,6 +128,15 @@ const TABLE_HELP: &[(&str, &str)] = &[
     ("splits", "a table says how much each gets: splits = { train = 0.8, val = 0.1, test = 0.1 }"),
 ];
 
+/// Lists whose elements are tables, each with the header of such a table.
+const LISTS_OF_TABLES: &[(&str, &str)] = &[
+    ("object", "object"),
+    ("photometric", "photometric"),
+    ("led", "sensor.led"),
+    ("lamp", "sensor.lamp"),
+    ("phase", "sequence.phase"),
+];
+
 /// Suggests the line as it should read if the value of `key` is of another kind than wanted and the meaning is plain.
 /// For an element of a list, whose key is empty, it suggests the value.
 pub fn suggest_line(key: &str, value: &TomlValue, wanted: ExpectedValue) -> Option<String> {
@@ -139,6 +148,15 @@ pub fn suggest_line(key: &str, value: &TomlValue, wanted: ExpectedValue) -> Opti
     };
     let list =
         |numbers: &[f64]| format!("[{}]", numbers.iter().map(|n| format_decimal(*n)).collect::<Vec<_>>().join(", "));
+    if wanted == ExpectedValue::List
+        && let Some((_, table)) = LISTS_OF_TABLES.iter().find(|(list, _)| *list == key)
+    {
+        return Some(match value {
+            TomlValue::String(path) if key == "object" => format!("write [[object]] with path = {path:?}"),
+            TomlValue::Table(_) => format!("there may be several: write [[{table}]]"),
+            _ => format!("each is a table: write [[{table}]], or {key} = [{{ .. }}] in one line"),
+        });
+    }
     match (value, wanted) {
         (TomlValue::String(text), ExpectedValue::Integer)
             if key == "seed" && !text.trim().starts_with(|c: char| c.is_ascii_digit()) =>
@@ -201,14 +219,6 @@ pub fn suggest_line(key: &str, value: &TomlValue, wanted: ExpectedValue) -> Opti
             let named = entries.iter().filter(|entry| !matches!(entry.node.value, TomlValue::Bool(false)));
             let names: Vec<String> = named.map(|entry| format!("{:?}", entry.key)).collect();
             write(format!("[{}]", names.join(", ")))
-        }
-        (TomlValue::Table(_), ExpectedValue::List) if ["object", "led", "lamp", "phase"].contains(&key) => {
-            let table = match key {
-                "led" | "lamp" => format!("sensor.{key}"),
-                "phase" => format!("sequence.{key}"),
-                _ => key.to_owned(),
-            };
-            Some(format!("there may be several: write [[{table}]]"))
         }
         (TomlValue::Table(entries), ExpectedValue::List) => {
             let of = |names: &[&str]| find_number(entries, names);

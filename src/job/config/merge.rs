@@ -12,6 +12,7 @@ use gelsim_files::sensor;
 use gelsim_files::source::SourceSpan;
 
 use super::document::{self, Document, TomlNode, TomlValue};
+use super::file_kind::FileKind;
 use super::sensors::Sensors;
 use super::{guesses, random, reader};
 
@@ -21,7 +22,7 @@ pub struct MergedDocument<T> {
     pub value: T,
     /// All its sources and the merged tree.
     pub document: Document,
-    /// Whether the text is not TOML; then nothing else is reported about it.
+    /// Whether the text is not TOML, or another kind of file; then nothing else is reported about it.
     pub broken: bool,
     /// Whether the sensor file or preset that it names could be read.
     pub sensor_known: bool,
@@ -37,9 +38,11 @@ pub struct MergedDocument<T> {
     pub calibration: Option<Box<Self>>,
 }
 
-/// Reads `text` as a `T`. The assignments `set` (flag and assignment each) are merged over it, and the sensor that it
-/// names is merged under its `[sensor]`, `[markers]` and `[camera]`. Errors of form are added to `problems`.
+/// Reads `text` as a `T`, which is a file of this `kind`. The assignments `set` (flag and assignment each) are merged
+/// over it, and the sensor that it names is merged under its `[sensor]`, `[markers]` and `[camera]`. Errors of form are
+/// added to `problems`.
 pub fn read_merged<T: DeserializeOwned + Default>(
+    kind: FileKind,
     name: &str,
     text: String,
     folder: &Path,
@@ -47,6 +50,9 @@ pub fn read_merged<T: DeserializeOwned + Default>(
     problems: &mut Diagnostics,
 ) -> MergedDocument<T> {
     let document = Document::parse(name, text, folder, problems);
+    if problems.is_empty() {
+        problems.extend(kind.explain_other(&document.root, name));
+    }
     if !problems.is_empty() {
         return MergedDocument {
             value: T::default(),
@@ -191,13 +197,27 @@ fn apply_override(document: &mut Document, flag: &str, assignment: &str, problem
     if !found.is_empty() || path.len() != steps {
         let problem = Diagnostic::new(format!("not an assignment: `{assignment}`"))
             .at(SourceSpan { source, start: 0, end: assignment.len() })
-            .help("write dotted.path=VALUE with a TOML value, for example --set 'sensor.resolution_px=[320, 240]' or --set 'dataset.name=\"mine\"'");
+            .help(suggest_assignment(flag, assignment, &found));
         problems.push(problem);
         return;
     }
     let node = node.clone();
     if let Err(reason) = document.set(&path, key_place, node) {
         problems.push(Diagnostic::new(reason).at(key_place));
+    }
+}
+
+/// Says how to mend an assignment whose text has these errors.
+fn suggest_assignment(flag: &str, assignment: &str, found: &Diagnostics) -> String {
+    let Some(help) = found.iter().find_map(|problem| problem.help.clone()).filter(|_| assignment.contains('=')) else {
+        return String::from(
+            "write dotted.path=VALUE with a TOML value, for example --set 'sensor.resolution_px=[320, 240]' or --set 'dataset.name=\"mine\"'",
+        );
+    };
+    // A shell takes quotes away that do not stand within others.
+    match help.strip_prefix("write `").and_then(|line| line.split_once('`')) {
+        Some((line, rest)) if flag.starts_with("--") && !line.contains('\'') => format!("write {flag} '{line}'{rest}"),
+        _ => help,
     }
 }
 
@@ -257,7 +277,11 @@ fn merge_sensor_below(document: &mut Document, problems: &mut Diagnostics) -> bo
             Ok(text) => {
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 let mut found = Diagnostics::default();
-                let tree = document.add_source(&path.display().to_string(), text, &folder, &mut found);
+                let name = path.display().to_string();
+                let tree = document.add_source(&name, text, &folder, &mut found);
+                if found.is_empty() {
+                    found.extend(FileKind::Sensor.explain_other(&tree, &name).map(|other| other.at(file.place)));
+                }
                 known = found.is_empty();
                 problems.extend(found);
                 if let Some(second) = tree.child("file") {

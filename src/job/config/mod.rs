@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 pub mod dataset;
 pub mod document;
 pub mod fidelity;
+mod file_kind;
 pub mod gripper;
 mod guesses;
 mod level;
@@ -27,6 +28,7 @@ mod syntax_help;
 pub mod texture;
 
 use document::{Document, TomlNode, TomlValue};
+pub use file_kind::FileKind;
 use gelsim_core::effects::EffectPolicy;
 use gelsim_core::fidelity::Fidelity;
 use gelsim_core::{gelpad, optics};
@@ -127,10 +129,6 @@ impl Job {
 
     /// Formats everything in the job as TOML, with paths as they are.
     pub fn to_toml(&self) -> io::Result<String> {
-        let right_is_constant = self.gripper.as_ref().is_none_or(|gripper| gripper.right_random.is_empty());
-        if self.random.is_empty() && self.presets.is_none() && right_is_constant {
-            return toml::to_string(self).map_err(io::Error::other);
-        }
         let mut tree = self.to_json();
         random::drop_nulls(&mut tree);
         toml::to_string(&tree).map_err(io::Error::other)
@@ -227,7 +225,8 @@ pub struct ParsedJob {
     pub job: Job,
     /// All its sources and the merged tree.
     pub document: Document,
-    /// Whether the text is not TOML. What stands after a syntax error is uncertain, so nothing else is reported.
+    /// Whether the text is not TOML, or another kind of file. What stands after a syntax error is uncertain, so nothing
+    /// else is reported.
     pub broken: bool,
     /// Whether the sensor file or preset that the job names could be read.
     pub sensor_known: bool,
@@ -285,7 +284,7 @@ pub fn read_job_text(
     overrides: &Overrides,
     problems: &mut Diagnostics,
 ) -> ParsedJob {
-    let merged = read_merged(name, text, folder, &overrides.set, problems);
+    let merged = read_merged(FileKind::Job, name, text, folder, &overrides.set, problems);
     to_parsed_job(merged, overrides, problems)
 }
 

@@ -7,7 +7,7 @@ use gelsim_core::base::view::View;
 use gelsim_core::mesh::Mesh;
 use gelsim_files::length::is_plausible_length;
 use gelsim_files::sensor::quantity::Quantity;
-use gelsim_files::sensor::{PRESETS, Sensor};
+use gelsim_files::sensor::{Sensor, read_preset};
 
 pub mod findings;
 pub mod sides;
@@ -35,8 +35,7 @@ pub const MAX_EXTENT_MM: f64 = 1e4;
 impl SensorPad {
     /// Returns the pad of a preset, or `None` if there is no preset of this name.
     pub fn from_preset(name: &str) -> Option<Self> {
-        let (_, text) = PRESETS.iter().find(|(preset, _)| *preset == name)?;
-        Some(Self::new(&toml::from_str(text).ok()?))
+        read_preset(name).map(|sensor| Self::new(&sensor))
     }
 
     /// Returns the pad of a sensor.

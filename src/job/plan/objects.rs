@@ -465,8 +465,11 @@ pub fn divide_objects(check: &mut JobChecker<'_>, job: &Job, found: &FoundObject
             let needed = (0..3).filter(|&k| shares[k] > 0.0 && fixed[k] == 0).count();
             let is_reported = said.values().any(|split| shares[split.number()] <= 0.0);
             if needed > free.len() + unread && !is_reported {
-                let used = shares.iter().filter(|share| **share > 0.0).count();
-                let message = format!("{used} splits but {} different object(s)", contents.len() + unread);
+                let count = free.len() + unread;
+                let message = match said.is_empty() {
+                    true => format!("{needed} splits but {count} different object(s)"),
+                    false => format!("{needed} split(s) without an object, and {count} object(s) without a `split`"),
+                };
                 let help = "with split_by = \"object\" each split needs an object of its own: add objects, or use split_by = \"sample\"";
                 check.report_error("dataset.split_by", message, help);
             }

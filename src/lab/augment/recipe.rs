@@ -19,7 +19,7 @@ use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
 use gelsim_files::foreign::decode_text;
 use gelsim_files::input as files;
 use gelsim_job::config::document::{Document, MAX_READ_BYTES};
-use gelsim_job::config::{self, ParsedJob};
+use gelsim_job::config::{self, FileKind, ParsedJob};
 use gelsim_job::plan::Plan;
 use gelsim_job::plan::check::JobChecker;
 use gelsim_job::plan::markers::read_marker_file;
@@ -68,7 +68,7 @@ impl Recipe {
             .map_err(|reason| user_error(format!("cannot read {shown}: {reason}"), "a recipe is a text in UTF-8"))?;
         let mut problems = Diagnostics::default();
         let folder = path.parent().unwrap_or(Path::new(""));
-        let merged = config::read_merged::<Augment>(&shown, text.clone(), folder, set, &mut problems);
+        let merged = config::read_merged::<Augment>(FileKind::Recipe, &shown, text.clone(), folder, set, &mut problems);
         if merged.broken {
             return Err(Report::new(&problems, &merged.document.sources));
         }

@@ -322,6 +322,19 @@ mod tests {
         );
     }
 
+    #[test]
+    fn a_job_that_was_edited_is_not_shown_as_the_one_that_was_run() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let recorded = dataset(folder.path());
+        let warnings = || read_dataset(&recorded.root).expect("readable").list_warnings();
+        assert_eq!(warnings(), [""; 0]);
+        let path = recorded.root.join("job.toml");
+        let text = std::fs::read_to_string(&path).expect("a text");
+        std::fs::write(&path, text.replace("no_contact = 0.2", "no_contact = 0.3")).expect("a file");
+        let [told, remedy] = &warnings()[..] else { panic!("two sentences") };
+        assert!(told == "job.toml: is not what was written" && remedy.contains("gelsim verify"), "{told}; {remedy}");
+    }
+
     proptest! {
         #[test]
         fn picks_are_as_many_as_asked_for_and_spread_over_the_shards_that_are_there(

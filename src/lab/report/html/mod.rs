@@ -17,6 +17,7 @@ use super::{DatasetReport, MissingShards};
 use crate::page;
 use crate::page::canvas::Colour;
 use crate::preview::panel::Scales;
+use gelsim_dataset::folder::is_unmodified;
 use gelsim_dataset::verify::{DatasetFinding, Remedy, list_remedy_commands};
 use gelsim_files::number_format::{format_count, format_number, format_percent};
 use gelsim_files::png::{encode_rgb, encode_small};
@@ -91,8 +92,12 @@ pub(super) fn list_warnings(dataset: &DatasetReport) -> Vec<String> {
     if jobs > 1 {
         texts.push(format!("shards and dataset.json are of {jobs} different jobs, by their fingerprints"));
     }
+    let is_edited = !is_unmodified(&dataset.job_text);
+    if is_edited {
+        texts.push(DatasetFinding::new("job.toml", "is not what was written").to_string());
+    }
     texts.extend(group_findings(&gathered.findings));
-    if jobs > 1 || !gathered.findings.is_empty() {
+    if jobs > 1 || is_edited || !gathered.findings.is_empty() {
         texts.push(format!(
             "gelsim verify {} names all that is wrong, and how to fix it",
             quote_for_shell(&recorded.root)
