@@ -1020,7 +1020,8 @@ SET_FIGURES = [
         "python tests/bench/sensor_sets.py target/release/gelsim",
         Sentence("100 such units of `gelsight-mini` take {} of the CPU time of 100 jobs"),
         lambda output: one(output, "the set takes {} of it"),
-        tolerance=0.03,
+        # Of CPU times, which differ by so much from run to run: 0.30 to 0.35.
+        tolerance=0.1,
     )
 ]
 
