@@ -81,7 +81,8 @@ impl List {
     pub(super) fn run(self) -> Result<(), Failure> {
         let rows = match self.what {
             What::Sensors => {
-                PRESETS.into_iter().filter_map(|(name, _)| Some(sensor_row(name, &read_preset(name)?))).collect()
+                let row = |name| read_preset(name).map(|sensor| sensor_row(name, &sensor));
+                PRESETS.into_iter().filter_map(|(name, _)| row(name)).collect()
             }
             What::Levels => Fidelity::ALL.into_iter().map(fidelity_row).collect::<Result<Vec<ListRow>, Failure>>()?,
             What::Effects => {

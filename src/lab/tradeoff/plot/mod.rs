@@ -194,6 +194,7 @@ impl<'a> Drawing<'a> {
                 let hint = format!("{}, {}: {}", object.object, level.level, self.format_numbers(level));
                 let (colour, radius) = (fade_colour(colour, mark_share(many)), mark_px(many));
                 self.canvas.draw_with_hint(&hint, |canvas| canvas.draw_mark(shape, point, radius, colour, colour));
+                // A label over a line leaves the rest of it to be seen; over a mark it hides a result.
                 self.obstacles.add_area(Area::centred_at(point, [2.5 * radius; 2]), 4.0 * weight);
             }
         }
