@@ -1,13 +1,13 @@
 //! Fourier transforms and convolutions against plain ones in f64 and against sums written out.
 
 use gelsim_core::base::grid::Grid;
-use gelsim_core::base::simd::{self, VectorWidth};
+use gelsim_core::base::simd::{self, TwoWidthKernel, VectorWidth, Vectors};
 use gelsim_core::gelpad::elastic::convolve::{
     ConvolutionBuffers, ConvolutionShape, FftPlans, KernelSpectrum, TorusConvolution,
 };
 use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 use nalgebra::Complex;
-use pulp::{Arch, Scalar, Simd, WithSimd};
+use pulp::{Arch, Scalar, Simd};
 
 use crate::oracle::fourier::Fourier;
 use crate::shapes::Random;
@@ -19,13 +19,13 @@ struct Run<'a> {
     forward: bool,
 }
 
-impl WithSimd for Run<'_> {
+impl TwoWidthKernel for Run<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
         let Signals { re, im } = self.signals;
-        if self.forward { self.fft.forward(simd, re, im) } else { self.fft.inverse(simd, re, im) }
+        if self.forward { self.fft.forward(vectors, re, im) } else { self.fft.inverse(vectors, re, im) }
     }
 }
 
@@ -72,7 +72,7 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
         let (fft, plain) = (Fft::new(len), Fourier::new(len, false));
         let before = noise(len, &mut random);
         let mut signals = before.clone();
-        simd::dispatch_kernel(Run { fft: &fft, signals: &mut signals, forward: true });
+        simd::dispatch_two_widths(Run { fft: &fft, signals: &mut signals, forward: true });
         // Rounding adds up like a random walk over the stages; the root of the length is the size of a spectrum of noise.
         let bound = 4.0 * f64::from(f32::EPSILON) * (len as f64).sqrt();
         let mut places: Vec<usize> = (0..len).map(|k| fft.frequency_index(k)).collect();
@@ -84,7 +84,7 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
                 worst = worst.max(error / (len as f64).sqrt());
             }
         }
-        simd::dispatch_kernel(Run { fft: &fft, signals: &mut signals, forward: false });
+        simd::dispatch_two_widths(Run { fft: &fft, signals: &mut signals, forward: false });
         for (found, value) in signals.re.iter().zip(&before.re).chain(signals.im.iter().zip(&before.im)) {
             let error = f64::from(found / len as f32 - value).abs();
             assert!(error < 2e-6, "length {len}: there and back is off by {error}");
@@ -96,7 +96,7 @@ fn transforms_agree_with_plain_ones_in_f64_at_every_length() {
 }
 
 #[test]
-fn vectors_of_eight_and_of_one_give_the_same_bits() {
+fn vectors_of_sixteen_eight_and_one_give_the_same_bits() {
     assert!(!matches!(Arch::new(), Arch::Scalar), "this machine has no wide vectors to compare with");
     let bits = |signals: &Signals| signals.re.iter().chain(&signals.im).map(|v| v.to_bits()).collect::<Vec<_>>();
     let mut random = Random(2);
@@ -105,11 +105,11 @@ fn vectors_of_eight_and_of_one_give_the_same_bits() {
         let mut wide = noise(len, &mut random);
         let (mut eight, mut narrow) = (wide.clone(), wide.clone());
         for forward in [true, false] {
-            simd::dispatch_kernel(Run { fft: &fft, signals: &mut wide, forward });
+            simd::dispatch_two_widths(Run { fft: &fft, signals: &mut wide, forward });
             simd::with_width_limit(VectorWidth::Eight, || {
-                simd::dispatch_kernel(Run { fft: &fft, signals: &mut eight, forward })
+                simd::dispatch_two_widths(Run { fft: &fft, signals: &mut eight, forward })
             });
-            Run { fft: &fft, signals: &mut narrow, forward }.with_simd(Scalar);
+            Run { fft: &fft, signals: &mut narrow, forward }.run(Vectors { eight: Scalar, widest: Scalar });
             assert!(bits(&wide) == bits(&narrow), "length {len}, forward {forward}");
             assert!(bits(&eight) == bits(&narrow), "length {len}, forward {forward}, by AVX2");
         }

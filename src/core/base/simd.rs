@@ -13,8 +13,8 @@ pub enum VectorWidth {
     Plain,
     /// AVX2: eight numbers.
     Eight,
-    /// AVX-512: sixteen numbers in plain loops. Kernels that name their vectors still use eight, with twice as many
-    /// registers.
+    /// AVX-512: sixteen numbers in plain loops and in Fourier transforms. Other kernels that name their vectors still use
+    /// eight, with twice as many registers.
     Sixteen,
 }
 
@@ -71,6 +71,65 @@ pub fn dispatch_kernel<K: WithSimd>(kernel: K) -> K::Output {
     }
     #[cfg(not(target_arch = "x86_64"))]
     if most == VectorWidth::Plain { run_plain(kernel) } else { Arch::new().dispatch(kernel) }
+}
+
+/// A kernel that names its vectors: those of at most eight numbers, and the widest.
+pub trait TwoWidthKernel {
+    /// Its result.
+    type Output;
+
+    /// Runs the kernel. The result must not depend on the vectors.
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) -> Self::Output;
+}
+
+/// Vectors of two widths, or twice the same.
+#[derive(Clone, Copy)]
+pub struct Vectors<S, W> {
+    /// Vectors of at most eight numbers.
+    pub eight: S,
+    /// The widest vectors.
+    pub widest: W,
+}
+
+/// Runs a kernel that uses vectors of sixteen numbers in parts, where the processor has them.
+#[inline(always)]
+pub fn dispatch_two_widths<K: TwoWidthKernel>(kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    if MOST.get() == VectorWidth::Sixteen
+        && let Some(widest) = pulp::x86::V4::try_new()
+    {
+        return Simd::vectorize(widest, SixteenLaneKernel { kernel, widest });
+    }
+    dispatch_kernel(OneWidthKernel(kernel))
+}
+
+/// A kernel for two widths on a processor that has one.
+struct OneWidthKernel<K>(K);
+
+impl<K: TwoWidthKernel> WithSimd for OneWidthKernel<K> {
+    type Output = K::Output;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> K::Output {
+        self.0.run(Vectors { eight: simd, widest: simd })
+    }
+}
+
+/// A kernel for two widths on a processor with AVX-512.
+#[cfg(target_arch = "x86_64")]
+struct SixteenLaneKernel<K> {
+    kernel: K,
+    widest: pulp::x86::V4,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<K: TwoWidthKernel> WithSimd for SixteenLaneKernel<K> {
+    type Output = K::Output;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> K::Output {
+        self.kernel.run(Vectors { eight: *self.widest, widest: self.widest })
+    }
 }
 
 /// Runs a kernel without wide vectors. It is a function of its own since it is rarely called: within its callers it is
@@ -197,6 +256,18 @@ pub fn dot_in_eights(a: &[f32], b: &[f32]) -> f64 {
 #[inline(always)]
 pub fn count_true(values: impl Iterator<Item = bool>) -> u32 {
     values.map(u32::from).sum()
+}
+
+/// Returns the larger of two numbers. `f32::max` takes five instructions more to know of NaN, which must not occur here.
+#[inline(always)]
+pub fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// Returns the smaller of two numbers, neither of them NaN.
+#[inline(always)]
+pub fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 /// Returns the largest of the values, 0 if none is above 0.

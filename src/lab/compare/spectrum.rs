@@ -7,10 +7,10 @@
 use std::f64::consts::TAU;
 
 use image::{Rgb, RgbImage};
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use gelsim_core::base::grid::Grid;
-use gelsim_core::base::simd::dispatch_kernel;
+use gelsim_core::base::simd::{TwoWidthKernel, Vectors, dispatch_two_widths};
 use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 
 /// Number of octaves of frequency, the finest one first.
@@ -101,7 +101,7 @@ fn power_spectrum(image: Grid<f32>) -> Grid<f32> {
 fn transform_rows(image: [Grid<f32>; 2]) -> [Grid<f32>; 2] {
     let (width, height) = (image[0].width, image[0].height);
     let mut turned = [Grid::new(height, width), Grid::new(height, width)];
-    dispatch_kernel(RowTransform { fft: Fft::new(width), image: &image, transposed: &mut turned });
+    dispatch_two_widths(RowTransform { fft: Fft::new(width), image: &image, transposed: &mut turned });
     turned
 }
 
@@ -111,11 +111,11 @@ struct RowTransform<'a> {
     transposed: &'a mut [Grid<f32>; 2],
 }
 
-impl WithSimd for RowTransform<'_> {
+impl TwoWidthKernel for RowTransform<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
         let Self { fft, image: [re, im], transposed: turned } = self;
         let mut line = Signals::default();
         line.resize(re.width);
@@ -127,7 +127,7 @@ impl WithSimd for RowTransform<'_> {
                     line.im[x * LANES + lane] = im.at(x, y + lane);
                 }
             }
-            fft.forward(simd, &mut line.re, &mut line.im);
+            fft.forward(vectors, &mut line.re, &mut line.im);
             for (turned, line) in turned.iter_mut().zip([&line.re, &line.im]) {
                 for x in 0..re.width {
                     turned.row_mut(x)[y..y + LANES].copy_from_slice(&line[fft.frequency_index(x) * LANES..][..LANES]);

@@ -3,11 +3,11 @@
 //! Columns are transformed first, sixteen at a time (two real columns make one complex signal). Then rows are processed
 //! eight at a time while they are in cache: transformed, multiplied by the kernel's spectrum, and transformed back.
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::fft::{Fft, LANES, Signals, fast_length};
 use crate::base::grid::Grid;
-use crate::base::simd::{dispatch_kernel, transpose_8x8};
+use crate::base::simd::{TwoWidthKernel, Vectors, dispatch_two_widths, transpose_8x8};
 
 /// Transforms of all lengths that a torus may have.
 #[derive(Clone, Debug)]
@@ -118,7 +118,7 @@ impl<'a> TorusConvolution<'a> {
     /// Computes the spectrum of an even kernel, given by its values at lags from 0 px up along x and y; beyond the last
     /// it is 0.
     pub fn set_spectrum(&self, kernel: &Grid<f32>, buffers: &mut ConvolutionBuffers, spectrum: &mut KernelSpectrum) {
-        dispatch_kernel(SpectrumKernel { torus: self, kernel, buffers, spectrum });
+        dispatch_two_widths(SpectrumKernel { torus: self, kernel, buffers, spectrum });
     }
 
     /// Computes `target = kernel * source`; the target is resized to the shape.
@@ -142,7 +142,7 @@ impl<'a> TorusConvolution<'a> {
         target: &mut [f32],
         buffers: &mut ConvolutionBuffers,
     ) {
-        dispatch_kernel(ConvolveKernel { torus: self, spectrum, source, target, buffers });
+        dispatch_two_widths(ConvolveKernel { torus: self, spectrum, source, target, buffers });
     }
 
     /// Turns the spectrum of a convolution into that of an approximate inverse: its reciprocal, no larger than 1e5
@@ -214,9 +214,9 @@ impl<'a> TorusConvolution<'a> {
     }
 
     #[inline(always)]
-    fn set_spectrum_with<S: Simd>(
+    fn set_spectrum_with<S: Simd, W: Simd>(
         &self,
-        simd: S,
+        vectors: Vectors<S, W>,
         kernel: &Grid<f32>,
         buffers: &mut ConvolutionBuffers,
         spectrum: &mut KernelSpectrum,
@@ -240,15 +240,15 @@ impl<'a> TorusConvolution<'a> {
                     line.im[y * LANES..][..LANES].copy_from_slice(&values[LANES..]);
                 }
             }
-            self.y.forward(simd, &mut line.re, &mut line.im);
+            self.y.forward(vectors, &mut line.re, &mut line.im);
             for block in 0..blocks {
                 for (plane, x) in [(&line.re, x), (&line.im, x + LANES)] {
                     let mut rows = [[0.0; LANES]; LANES];
                     for (k, row) in rows.iter_mut().enumerate() {
-                        *row = load_lanes(plane, self.y.frequency_index((block * LANES + k) % height));
+                        *row = load_lanes(plane, self.y.frequency_index(block * LANES + k));
                     }
                     half.re[(block * wide + x) * LANES..][..LANES * LANES]
-                        .copy_from_slice(transpose_8x8(simd, &rows).as_flattened());
+                        .copy_from_slice(transpose_8x8(vectors.eight, &rows).as_flattened());
                 }
             }
         }
@@ -264,7 +264,7 @@ impl<'a> TorusConvolution<'a> {
                     line.im[x_there * LANES..][..LANES].copy_from_slice(&im);
                 }
             }
-            self.x.forward(simd, &mut line.re, &mut line.im);
+            self.x.forward(vectors, &mut line.re, &mut line.im);
             for x in 0..columns {
                 let at = self.x.frequency_index(x);
                 for (plane, block) in [(&line.im, second), (&line.re, first)] {
@@ -284,32 +284,33 @@ impl<'a> TorusConvolution<'a> {
     }
 
     #[inline(always)]
-    fn convolve_with<S: Simd>(
+    fn convolve_with<S: Simd, W: Simd>(
         &self,
-        simd: S,
+        vectors: Vectors<S, W>,
         spectrum: &KernelSpectrum,
         source: &[f32],
         target: &mut [f32],
         buffers: &mut ConvolutionBuffers,
     ) {
         let width = self.x.length();
-        self.transform_source(simd, source, buffers);
+        self.transform_source(vectors, source, buffers);
         for (block, response) in spectrum.0.chunks_exact(self.column_count()).enumerate() {
             self.load_rows(block, buffers);
             let line = &mut buffers.line;
-            self.x.forward(simd, &mut line.re, &mut line.im);
+            self.x.forward(vectors, &mut line.re, &mut line.im);
+            let (re, im) = (&mut line.re[..width * LANES], &mut line.im[..width * LANES]);
             for (x, response) in response.iter().enumerate() {
-                let (here, there) = (self.x.frequency_index(x), self.x.frequency_index((width - x) % width));
-                scale_lanes(simd, line, here, response);
+                let (here, there) = (self.x.frequency_index(x), self.x.mirror_index(x));
+                scale_lanes(vectors.eight, [re, im], here, response);
                 // The first and the middle frequency are their own mirror images, and must be scaled only once.
                 if there != here {
-                    scale_lanes(simd, line, there, response);
+                    scale_lanes(vectors.eight, [re, im], there, response);
                 }
             }
-            self.x.inverse(simd, &mut line.re, &mut line.im);
+            self.x.inverse(vectors, &mut line.re, &mut line.im);
             self.store_rows(block, buffers);
         }
-        self.transform_to_target(simd, target, buffers);
+        self.transform_to_target(vectors, target, buffers);
     }
 
     /// Returns the number of columns of source or target, whichever has more, in pairs of eight.
@@ -319,10 +320,15 @@ impl<'a> TorusConvolution<'a> {
 
     /// Transforms the source along y; must be called before [`Self::load_rows`].
     #[inline(always)]
-    pub(super) fn transform_source<S: Simd>(&self, simd: S, source: &[f32], buffers: &mut ConvolutionBuffers) {
+    pub(super) fn transform_source<S: Simd, W: Simd>(
+        &self,
+        vectors: Vectors<S, W>,
+        source: &[f32],
+        buffers: &mut ConvolutionBuffers,
+    ) {
         let ConvolutionBuffers { line, half_spectrum: half } = buffers;
         half.resize(self.block_count() * self.wide());
-        self.transform_columns(simd, source, line, half);
+        self.transform_columns(vectors, source, line, half);
         line.resize(self.x.length());
     }
 
@@ -356,38 +362,52 @@ impl<'a> TorusConvolution<'a> {
 
     /// Transforms the target back along y.
     #[inline(always)]
-    pub(super) fn transform_to_target<S: Simd>(&self, simd: S, target: &mut [f32], buffers: &mut ConvolutionBuffers) {
+    pub(super) fn transform_to_target<S: Simd, W: Simd>(
+        &self,
+        vectors: Vectors<S, W>,
+        target: &mut [f32],
+        buffers: &mut ConvolutionBuffers,
+    ) {
         let ConvolutionBuffers { line, half_spectrum: half } = buffers;
-        self.transform_columns_back(simd, target, line, half);
+        self.transform_columns_back(vectors, target, line, half);
     }
 
     /// Transforms the source's columns and keeps the frequencies from 0 to half the torus.
     #[inline(always)]
-    fn transform_columns<S: Simd>(&self, simd: S, source: &[f32], line: &mut Signals, half: &mut Signals) {
+    fn transform_columns<S: Simd, W: Simd>(
+        &self,
+        vectors: Vectors<S, W>,
+        source: &[f32],
+        line: &mut Signals,
+        half: &mut Signals,
+    ) {
         let height = self.y.length();
         line.resize(height);
         let ConvolutionShape { source: [source_width, source_height], offset: [_, top], .. } = self.shape;
         let wide = self.wide();
         for x in (0..source_width).step_by(2 * LANES) {
-            let mut any = false;
-            for plane in [&mut line.re, &mut line.im] {
-                plane[..top * LANES].fill(0.0);
-                plane[(top + source_height) * LANES..height * LANES].fill(0.0);
+            let (re, im) = (&mut line.re[..height * LANES], &mut line.im[..height * LANES]);
+            let inside = top * LANES..(top + source_height) * LANES;
+            for plane in [&mut *re, im] {
+                plane[..inside.start].fill(0.0);
+                plane[inside.end..].fill(0.0);
             }
-            for y in 0..source_height {
-                let row = &source[y * source_width..][x..source_width];
-                let mut values = [0.0; 2 * LANES];
-                if row.len() >= 2 * LANES {
-                    values.copy_from_slice(&row[..2 * LANES]);
-                } else {
-                    values[..row.len()].copy_from_slice(row);
+            let planes = re[inside.clone()].as_chunks_mut().0.iter_mut().zip(im[inside].as_chunks_mut().0);
+            let rows = planes.zip(source.chunks_exact(source_width));
+            let mut bits = [0; 2 * LANES];
+            if x + 2 * LANES <= source_width {
+                for ((re, im), row) in rows {
+                    put_values(&row[x..][..2 * LANES], [re, im], &mut bits);
                 }
-                any |= values.iter().fold(0, |bits, value| bits | value.to_bits()) != 0;
-                line.re[(top + y) * LANES..][..LANES].copy_from_slice(&values[..LANES]);
-                line.im[(top + y) * LANES..][..LANES].copy_from_slice(&values[LANES..]);
+            } else {
+                for ((re, im), row) in rows {
+                    let mut values = [0.0; 2 * LANES];
+                    values.iter_mut().zip(&row[x..]).for_each(|(value, from)| *value = *from);
+                    put_values(&values, [re, im], &mut bits);
+                }
             }
             // The spectrum of columns without any value is 0, without a transform.
-            if !any {
+            if bits == [0; 2 * LANES] {
                 for plane in [&mut half.re, &mut half.im] {
                     for row in plane[..self.block_count() * wide * LANES].chunks_exact_mut(wide * LANES) {
                         row[x * LANES..][..2 * LANES * LANES].fill(0.0);
@@ -395,14 +415,13 @@ impl<'a> TorusConvolution<'a> {
                 }
                 continue;
             }
-            self.y.forward(simd, &mut line.re, &mut line.im);
+            self.y.forward(vectors, &mut line.re, &mut line.im);
             for block in 0..self.block_count() {
                 let mut first = [[[0.0; LANES]; LANES]; 2];
                 let mut second = [[[0.0; LANES]; LANES]; 2];
                 for k in 0..LANES {
                     let at = block * LANES + k;
-                    let here = self.y.frequency_index(at % height);
-                    let there = self.y.frequency_index((2 * height - at) % height);
+                    let (here, there) = (self.y.frequency_index(at), self.y.mirror_index(at));
                     let (re, im) = (load_lanes(&line.re, here), load_lanes(&line.im, here));
                     let (re_there, im_there) = (load_lanes(&line.re, there), load_lanes(&line.im, there));
                     for j in 0..LANES {
@@ -414,17 +433,23 @@ impl<'a> TorusConvolution<'a> {
                 }
                 let at = (block * wide + x) * LANES;
                 let size = LANES * LANES;
-                half.re[at..][..size].copy_from_slice(transpose_8x8(simd, &first[0]).as_flattened());
-                half.im[at..][..size].copy_from_slice(transpose_8x8(simd, &first[1]).as_flattened());
-                half.re[at + size..][..size].copy_from_slice(transpose_8x8(simd, &second[0]).as_flattened());
-                half.im[at + size..][..size].copy_from_slice(transpose_8x8(simd, &second[1]).as_flattened());
+                half.re[at..][..size].copy_from_slice(transpose_8x8(vectors.eight, &first[0]).as_flattened());
+                half.im[at..][..size].copy_from_slice(transpose_8x8(vectors.eight, &first[1]).as_flattened());
+                half.re[at + size..][..size].copy_from_slice(transpose_8x8(vectors.eight, &second[0]).as_flattened());
+                half.im[at + size..][..size].copy_from_slice(transpose_8x8(vectors.eight, &second[1]).as_flattened());
             }
         }
     }
 
     /// Inverts [`Self::transform_columns`] for the target's columns.
     #[inline(always)]
-    fn transform_columns_back<S: Simd>(&self, simd: S, target: &mut [f32], line: &mut Signals, half: &Signals) {
+    fn transform_columns_back<S: Simd, W: Simd>(
+        &self,
+        vectors: Vectors<S, W>,
+        target: &mut [f32],
+        line: &mut Signals,
+        half: &Signals,
+    ) {
         let height = self.y.length();
         line.resize(height);
         let [target_width, target_height] = self.shape.target;
@@ -432,9 +457,12 @@ impl<'a> TorusConvolution<'a> {
         for x in (0..target_width).step_by(2 * LANES) {
             for block in 0..self.block_count() {
                 let at = block * wide + x;
-                let (re, im) = (load_transposed(simd, &half.re, at), load_transposed(simd, &half.im, at));
-                let (re_next, im_next) =
-                    (load_transposed(simd, &half.re, at + LANES), load_transposed(simd, &half.im, at + LANES));
+                let (re, im) =
+                    (load_transposed(vectors.eight, &half.re, at), load_transposed(vectors.eight, &half.im, at));
+                let (re_next, im_next) = (
+                    load_transposed(vectors.eight, &half.re, at + LANES),
+                    load_transposed(vectors.eight, &half.im, at + LANES),
+                );
                 for k in 0..LANES.min(height / 2 + 1 - block * LANES) {
                     let frequency = block * LANES + k;
                     let (mut sums, mut differences) = ([[0.0; LANES]; 2], [[0.0; LANES]; 2]);
@@ -444,7 +472,7 @@ impl<'a> TorusConvolution<'a> {
                         differences[0][j] = re[k][j] - im_next[k][j];
                         differences[1][j] = re_next[k][j] - im[k][j];
                     }
-                    let there = self.y.frequency_index((height - frequency) % height) * LANES;
+                    let there = self.y.mirror_index(frequency) * LANES;
                     line.re[there..][..LANES].copy_from_slice(&sums[0]);
                     line.im[there..][..LANES].copy_from_slice(&differences[1]);
                     // Written last: frequencies that are their own mirror images have no imaginary part of their own.
@@ -453,21 +481,27 @@ impl<'a> TorusConvolution<'a> {
                     line.im[here..][..LANES].copy_from_slice(&sums[1]);
                 }
             }
-            self.y.inverse(simd, &mut line.re, &mut line.im);
-            for y in 0..target_height {
-                let row = &mut target[y * target_width..][x..target_width];
-                let (re, im) = (load_lanes(&line.re, y), load_lanes(&line.im, y));
+            self.y.inverse(vectors, &mut line.re, &mut line.im);
+            let planes = line.re.as_chunks::<LANES>().0.iter().zip(line.im.as_chunks::<LANES>().0);
+            for (row, (re, im)) in target.chunks_exact_mut(target_width).take(target_height).zip(planes) {
+                let row = &mut row[x..];
                 if row.len() >= 2 * LANES {
-                    row[..LANES].copy_from_slice(&re);
-                    row[LANES..2 * LANES].copy_from_slice(&im);
+                    row[..LANES].copy_from_slice(re);
+                    row[LANES..2 * LANES].copy_from_slice(im);
                 } else {
-                    for (value, from) in row.iter_mut().zip(re.iter().chain(&im)) {
-                        *value = *from;
-                    }
+                    row.iter_mut().zip(re.iter().chain(im)).for_each(|(value, from)| *value = *from);
                 }
             }
         }
     }
+}
+
+/// Puts sixteen numbers, of which the second eight are imaginary parts, and collects their bits.
+#[inline(always)]
+fn put_values(values: &[f32], [re, im]: [&mut [f32; LANES]; 2], bits: &mut [u32; 2 * LANES]) {
+    re.copy_from_slice(&values[..LANES]);
+    im.copy_from_slice(&values[LANES..]);
+    bits.iter_mut().zip(values).for_each(|(bits, value)| *bits |= value.to_bits());
 }
 
 /// A kernel for [`TorusConvolution::set_spectrum`] with any vector width.
@@ -478,12 +512,12 @@ struct SpectrumKernel<'a, 'b> {
     spectrum: &'a mut KernelSpectrum,
 }
 
-impl WithSimd for SpectrumKernel<'_, '_> {
+impl TwoWidthKernel for SpectrumKernel<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        self.torus.set_spectrum_with(simd, self.kernel, self.buffers, self.spectrum);
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
+        self.torus.set_spectrum_with(vectors, self.kernel, self.buffers, self.spectrum);
     }
 }
 
@@ -496,12 +530,12 @@ struct ConvolveKernel<'a, 'b> {
     buffers: &'a mut ConvolutionBuffers,
 }
 
-impl WithSimd for ConvolveKernel<'_, '_> {
+impl TwoWidthKernel for ConvolveKernel<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        self.torus.convolve_with(simd, self.spectrum, self.source, self.target, self.buffers);
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
+        self.torus.convolve_with(vectors, self.spectrum, self.source, self.target, self.buffers);
     }
 }
 
@@ -523,9 +557,9 @@ fn load_transposed<S: Simd>(simd: S, plane: &[f32], at: usize) -> [[f32; LANES];
 
 /// Multiplies value number `at` of eight signals by real factors.
 #[inline(always)]
-fn scale_lanes<S: Simd>(simd: S, line: &mut Signals, at: usize, factors: &[f32; LANES]) {
+fn scale_lanes<S: Simd>(simd: S, planes: [&mut [f32]; 2], at: usize, factors: &[f32; LANES]) {
     let factors = S::as_simd_f32s(factors).0;
-    for plane in [&mut line.re, &mut line.im] {
+    for plane in planes {
         let values = S::as_mut_simd_f32s(&mut plane[at * LANES..][..LANES]).0;
         for (value, factor) in values.iter_mut().zip(factors) {
             *value = simd.mul_f32s(*value, *factor);

@@ -9,6 +9,8 @@ use std::f64::consts::TAU;
 
 use pulp::Simd;
 
+use crate::base::simd::Vectors;
+
 /// Number of signals that are transformed together.
 pub const LANES: usize = 8;
 
@@ -93,53 +95,71 @@ impl Fft {
         self.positions[k]
     }
 
+    /// Returns the position of the mirror image of frequency number `k` after [`Fft::forward`].
+    #[inline(always)]
+    pub fn mirror_index(&self, k: usize) -> usize {
+        // A branch, as a remainder takes as long as an eighth of a butterfly's work.
+        self.positions[if k == 0 { 0 } else { self.len - k }]
+    }
+
     /// Transforms `re + i im` in place, not normalised; frequencies end at their [`Fft::frequency_index`].
     #[inline(always)]
-    pub fn forward<S: Simd>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
+    pub fn forward<S: Simd, W: Simd>(&self, vectors: Vectors<S, W>, re: &mut [f32], im: &mut [f32]) {
         let size = self.len * LANES;
-        let (re, im) = (S::as_mut_simd_f32s(&mut re[..size]).0, S::as_mut_simd_f32s(&mut im[..size]).0);
+        let (re, im) = (&mut re[..size], &mut im[..size]);
         let (wide, narrow) = self.stages.split_at(self.wide_stages);
         for stage in wide {
-            stage.run::<S, true>(simd, re, im);
+            stage.run::<S, W, true>(vectors, re, im);
         }
-        let piece = narrow.first().map_or(re.len(), |stage| stage.vectors_per_block::<S>());
+        let piece = narrow.first().map_or(re.len(), FftStage::block_len);
         for (re, im) in re.chunks_exact_mut(piece).zip(im.chunks_exact_mut(piece)) {
             for stage in narrow {
-                stage.run::<S, true>(simd, re, im);
+                stage.run::<S, W, true>(vectors, re, im);
             }
         }
     }
 
     /// Inverts [`Fft::forward`]; the result is multiplied by [`Fft::length`].
     #[inline(always)]
-    pub fn inverse<S: Simd>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
+    pub fn inverse<S: Simd, W: Simd>(&self, vectors: Vectors<S, W>, re: &mut [f32], im: &mut [f32]) {
         let size = self.len * LANES;
         // With real and imaginary parts exchanged, the forward transform is the inverse one.
-        let (re, im) = (S::as_mut_simd_f32s(&mut im[..size]).0, S::as_mut_simd_f32s(&mut re[..size]).0);
+        let (re, im) = (&mut im[..size], &mut re[..size]);
         let (wide, narrow) = self.stages.split_at(self.wide_stages);
-        let piece = narrow.first().map_or(re.len(), |stage| stage.vectors_per_block::<S>());
+        let piece = narrow.first().map_or(re.len(), FftStage::block_len);
         for (re, im) in re.chunks_exact_mut(piece).zip(im.chunks_exact_mut(piece)) {
             for stage in narrow.iter().rev() {
-                stage.run::<S, false>(simd, re, im);
+                stage.run::<S, W, false>(vectors, re, im);
             }
         }
         for stage in wide.iter().rev() {
-            stage.run::<S, false>(simd, re, im);
+            stage.run::<S, W, false>(vectors, re, im);
         }
     }
 }
 
 impl FftStage {
-    /// Returns the number of SIMD vectors in a block.
+    /// Returns the number of values of all signals in a block.
     #[inline(always)]
-    fn vectors_per_block<S: Simd>(&self) -> usize {
-        self.radix * self.rest * LANES / S::F32_LANES
+    fn block_len(&self) -> usize {
+        self.radix * self.rest * LANES
     }
 
     /// Runs over all blocks. Twiddle factors are applied after the butterfly if forward, otherwise before it.
     #[inline(always)]
-    fn run<S: Simd, const FORWARD: bool>(&self, simd: S, re: &mut [S::f32s], im: &mut [S::f32s]) {
-        let size = self.vectors_per_block::<S>();
+    fn run<S: Simd, W: Simd, const FORWARD: bool>(&self, vectors: Vectors<S, W>, re: &mut [f32], im: &mut [f32]) {
+        // Sixteen numbers are two neighbouring butterflies of the eight signals.
+        if self.rest.is_multiple_of(2) {
+            self.run_with::<W, FORWARD>(vectors.widest, re, im);
+        } else {
+            self.run_with::<S, FORWARD>(vectors.eight, re, im);
+        }
+    }
+
+    #[inline(always)]
+    fn run_with<S: Simd, const FORWARD: bool>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
+        let size = self.block_len() / S::F32_LANES;
+        let (re, im) = (S::as_mut_simd_f32s(re).0, S::as_mut_simd_f32s(im).0);
         for (re, im) in re.chunks_exact_mut(size).zip(im.chunks_exact_mut(size)) {
             match self.radix {
                 2 => transform_block::<S, FORWARD, 2>(simd, re, im, &self.twiddles),
@@ -158,23 +178,23 @@ fn transform_block<S: Simd, const FORWARD: bool, const R: usize>(
     im: &mut [S::f32s],
     twiddles: &[[[f32; 2]; 4]],
 ) {
-    // Vectors may hold fewer than the eight signals; then a value takes several of them.
-    let per_value = LANES / S::F32_LANES;
-    let part = twiddles.len() * per_value;
+    // A vector holds the eight signals of one or two values, or a part of one.
+    let part = twiddles.len() * LANES / S::F32_LANES;
     let (mut re, mut im) = (split_block::<_, R>(re, part), split_block::<_, R>(im, part));
+    // In the last stage all twiddle factors are 1.
+    let turned = twiddles.len() > 1;
     for at in 0..part {
         let mut values = [Complex::<S> { re: re[0][at], im: im[0][at] }; R];
         for (value, (re, im)) in values.iter_mut().zip(re.iter().zip(&im)) {
             *value = Complex { re: re[at], im: im[at] };
         }
-        // In the last stage all twiddle factors are 1.
-        let turned = part > per_value;
+        let first = at * S::F32_LANES / LANES;
         if turned && !FORWARD {
-            apply_twiddles(simd, &mut values, &twiddles[at / per_value]);
+            apply_twiddles(simd, &mut values, &twiddles[first..][..(S::F32_LANES / LANES).max(1)]);
         }
         values = butterfly::<S, R>(simd, values);
         if turned && FORWARD {
-            apply_twiddles(simd, &mut values, &twiddles[at / per_value]);
+            apply_twiddles(simd, &mut values, &twiddles[first..][..(S::F32_LANES / LANES).max(1)]);
         }
         for (value, (re, im)) in values.iter().zip(re.iter_mut().zip(&mut im)) {
             re[at] = value.re;
@@ -193,12 +213,27 @@ fn split_block<T, const R: usize>(mut block: &mut [T], part: usize) -> [&mut [T]
     parts
 }
 
-/// Multiplies all values but the first by their twiddle factors.
+/// Multiplies all values but the first by their twiddle factors: those of the first butterfly, and, in the upper half of
+/// vectors that hold two, those of the second.
 #[inline(always)]
-fn apply_twiddles<S: Simd, const R: usize>(simd: S, values: &mut [Complex<S>; R], twiddles: &[[f32; 2]; 4]) {
-    for (value, [cos, sin]) in values[1..].iter_mut().zip(twiddles) {
-        *value = value.times(simd, Complex { re: simd.splat_f32s(*cos), im: simd.splat_f32s(*sin) });
+fn apply_twiddles<S: Simd, const R: usize>(simd: S, values: &mut [Complex<S>; R], twiddles: &[[[f32; 2]; 4]]) {
+    let (here, next) = (&twiddles[0], twiddles.get(1).filter(|_| S::F32_LANES > LANES));
+    let upper = simd.less_than_f32s(simd.splat_f32s(LANES as f32 - 0.5), first_lanes::<S>());
+    for (k, value) in values[1..].iter_mut().enumerate() {
+        let mut turn = Complex::<S> { re: simd.splat_f32s(here[k][0]), im: simd.splat_f32s(here[k][1]) };
+        if let Some(next) = next {
+            turn.re = simd.select_f32s(upper, simd.splat_f32s(next[k][0]), turn.re);
+            turn.im = simd.select_f32s(upper, simd.splat_f32s(next[k][1]), turn.im);
+        }
+        *value = value.times(simd, turn);
     }
+}
+
+/// Returns the numbers of a vector's lanes.
+#[inline(always)]
+fn first_lanes<S: Simd>() -> S::f32s {
+    const NUMBERS: [f32; 16] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+    S::as_simd_f32s(&NUMBERS).0[0]
 }
 
 /// Complex numbers, one per lane.

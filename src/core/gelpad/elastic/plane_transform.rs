@@ -4,12 +4,12 @@
 //! Let a be the angle of the wave vector. A response of `along` to the component along it and `across` to the component
 //! across it maps the spectrum Z(q) to (along + across) / 2 Z(q) + (along - across) / 2 exp(2 i a) conj Z(-q).
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::convolve::{ConvolutionShape, TorusConvolution};
 use super::fft::{Fft, LANES, Signals};
 use crate::base::grid::Grid;
-use crate::base::simd::{dispatch_kernel, simd_dispatch};
+use crate::base::simd::{TwoWidthKernel, Vectors, dispatch_two_widths, simd_dispatch, transpose_8x8};
 
 /// Transforms on a torus of a fixed size.
 #[derive(Clone, Debug)]
@@ -105,12 +105,12 @@ impl PlaneTransform {
 
     /// Transforms the field to its spectrum, not normalised.
     pub fn forward(&self, values: &mut VectorField) {
-        dispatch_kernel(TransformKernel::<true> { plane: self, values });
+        dispatch_two_widths(TransformKernel::<true> { plane: self, values });
     }
 
     /// Transforms the spectrum to the field, multiplied by the number of values.
     pub fn inverse(&self, values: &mut VectorField) {
-        dispatch_kernel(TransformKernel::<false> { plane: self, values });
+        dispatch_two_widths(TransformKernel::<false> { plane: self, values });
     }
 
     /// Makes a symbol from `value` (real and imaginary part) at each frequency of a torus whose values are
@@ -321,11 +321,11 @@ struct TransformKernel<'a, const FORWARD: bool> {
     values: &'a mut VectorField,
 }
 
-impl<const FORWARD: bool> WithSimd for TransformKernel<'_, FORWARD> {
+impl<const FORWARD: bool> TwoWidthKernel for TransformKernel<'_, FORWARD> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
         let [width, height] = self.plane.size();
         let VectorField { columns, rows } = self.values;
         if FORWARD {
@@ -333,26 +333,26 @@ impl<const FORWARD: bool> WithSimd for TransformKernel<'_, FORWARD> {
                 let (re, im) = strip_of(columns, strip, height);
                 // Loads are small: most columns are zero, and so is their spectrum.
                 if re.iter().chain(&*im).any(|value| *value != 0.0) {
-                    self.plane.y.forward(simd, re, im);
+                    self.plane.y.forward(vectors, re, im);
                 }
             }
-            transpose(&columns.re, &mut rows.re, height, width);
-            transpose(&columns.im, &mut rows.im, height, width);
+            transpose(vectors.eight, &columns.re, &mut rows.re, height, width);
+            transpose(vectors.eight, &columns.im, &mut rows.im, height, width);
         }
         for strip in 0..height / LANES {
             let (re, im) = strip_of(rows, strip, width);
             if FORWARD {
-                self.plane.x.forward(simd, re, im);
+                self.plane.x.forward(vectors, re, im);
             } else {
-                self.plane.x.inverse(simd, re, im);
+                self.plane.x.inverse(vectors, re, im);
             }
         }
         if !FORWARD {
-            transpose(&rows.re, &mut columns.re, width, height);
-            transpose(&rows.im, &mut columns.im, width, height);
+            transpose(vectors.eight, &rows.re, &mut columns.re, width, height);
+            transpose(vectors.eight, &rows.im, &mut columns.im, width, height);
             for strip in 0..width / LANES {
                 let (re, im) = strip_of(columns, strip, height);
-                self.plane.y.inverse(simd, re, im);
+                self.plane.y.inverse(vectors, re, im);
             }
         }
     }
@@ -367,16 +367,14 @@ fn strip_of(signals: &mut Signals, strip: usize, len: usize) -> (&mut [f32], &mu
 
 /// Transposes strips of eight signals of `len` values into strips of eight signals of `count` values.
 #[inline(always)]
-fn transpose(from: &[f32], to: &mut [f32], len: usize, count: usize) {
+fn transpose<S: Simd>(simd: S, from: &[f32], to: &mut [f32], len: usize, count: usize) {
     for strip in 0..count / LANES {
         for block in 0..len / LANES {
             let source = &from[(strip * len + block * LANES) * LANES..][..LANES * LANES];
             let target = &mut to[(block * count + strip * LANES) * LANES..][..LANES * LANES];
-            for j in 0..LANES {
-                for i in 0..LANES {
-                    target[i * LANES + j] = source[j * LANES + i];
-                }
-            }
+            let mut rows = [[0.0; LANES]; LANES];
+            rows.as_flattened_mut().copy_from_slice(source);
+            target.copy_from_slice(transpose_8x8(simd, &rows).as_flattened());
         }
     }
 }

@@ -5,12 +5,12 @@
 //! The responses are the same in mirror images of the plane. So a quarter of the frequencies tells all: what has one
 //! factor x or y is odd along that axis.
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::convolve::{ConvolutionBuffers, TorusConvolution};
 use super::fft::LANES;
 use super::plane_transform::{PlaneTransform, VectorResponse};
-use crate::base::simd::dispatch_kernel;
+use crate::base::simd::{TwoWidthKernel, Vectors, dispatch_two_widths};
 
 /// `K` factors at each frequency of a quarter of a torus: for eight frequencies along y at a time, all along x up to half
 /// the torus.
@@ -127,7 +127,7 @@ impl TorusConvolution<'_> {
     ) {
         let kernel =
             FieldsKernel { torus: self, factors, source, target, buffers, mixing: std::marker::PhantomData::<M> };
-        dispatch_kernel(kernel);
+        dispatch_two_widths(kernel);
     }
 }
 
@@ -141,36 +141,35 @@ struct FieldsKernel<'a, 'b, 'c, M, const N: usize, const K: usize> {
     mixing: std::marker::PhantomData<M>,
 }
 
-impl<M: Mixing<N, K>, const N: usize, const K: usize> WithSimd for FieldsKernel<'_, '_, '_, M, N, K> {
+impl<M: Mixing<N, K>, const N: usize, const K: usize> TwoWidthKernel for FieldsKernel<'_, '_, '_, M, N, K> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
         let Self { torus, factors, source, target, buffers, .. } = self;
-        let width = torus.size()[0];
         for (source, buffers) in source.into_iter().zip(&mut *buffers) {
-            torus.transform_source(simd, source, buffers);
+            torus.transform_source(vectors, source, buffers);
         }
         for (block, factors) in factors.0.chunks_exact(torus.column_count()).enumerate() {
             for buffers in &mut *buffers {
                 torus.load_rows(block, buffers);
-                torus.x.forward(simd, &mut buffers.line.re, &mut buffers.line.im);
+                torus.x.forward(vectors, &mut buffers.line.re, &mut buffers.line.im);
             }
             for (x, factors) in factors.iter().enumerate() {
-                let (here, there) = (torus.x.frequency_index(x), torus.x.frequency_index((width - x) % width));
-                mix_lanes::<S, M, N, K>(simd, buffers, here, factors, false);
+                let (here, there) = (torus.x.frequency_index(x), torus.x.mirror_index(x));
+                mix_lanes::<S, M, N, K>(vectors.eight, buffers, here, factors, false);
                 // The first and the middle frequency are their own mirror images.
                 if there != here {
-                    mix_lanes::<S, M, N, K>(simd, buffers, there, factors, true);
+                    mix_lanes::<S, M, N, K>(vectors.eight, buffers, there, factors, true);
                 }
             }
             for buffers in &mut buffers[..target.len()] {
-                torus.x.inverse(simd, &mut buffers.line.re, &mut buffers.line.im);
+                torus.x.inverse(vectors, &mut buffers.line.re, &mut buffers.line.im);
                 torus.store_rows(block, buffers);
             }
         }
         for (target, buffers) in target.iter_mut().zip(&mut *buffers) {
-            torus.transform_to_target(simd, target, buffers);
+            torus.transform_to_target(vectors, target, buffers);
         }
     }
 }
