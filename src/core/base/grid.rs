@@ -90,6 +90,17 @@ impl Grid<f32> {
         )
     }
 
+    /// Returns the largest value in a part of the grid, 0 if none is above 0.
+    pub fn largest_in(&self, part: Rect) -> f32 {
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                let rows = (part.y0..part.y1).map(|y| largest_value(self.row(y)[part.x0..part.x1].iter().copied()));
+                largest_value(rows)
+            },
+        )
+    }
+
     /// Returns the value in column `x`, row `y` of this image stretched to `width` x `height` pixels: bilinear between
     /// pixel centres, and constant beyond the outermost centres.
     pub(crate) fn sample_stretched(&self, x: usize, y: usize, width: usize, height: usize) -> f32 {

@@ -9,6 +9,7 @@
 use super::ContactSolution;
 use super::lattice::Lattice;
 use crate::base::grid::{Grid, Rect};
+use crate::base::simd::simd_dispatch;
 
 /// Slope of the object between two of the solver's pixels above which there is a wall. Where a wall lies, only the
 /// object itself tells.
@@ -77,30 +78,47 @@ pub fn distance_inside_mm(
         1.0 / (1.0 + GAP_WEIGHT * stiffness * gap(next) / (pressure.at(touching[0], touching[1]) * spacing))
     };
     let mut inside = Grid::new(width, height);
+    let mut at_edge = vec![0_u8; width];
     for y in 0..height {
         let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|y| pressure.row(y));
-        for x in 0..width {
+        let distances = inside.row_mut(y);
+        simd_dispatch(
+            #[inline(always)]
+            || lay_out_row(rows, [far - shift, -far - shift], distances, &mut at_edge),
+        );
+        for x in (0..width).filter(|x| at_edge[*x] != 0) {
             let touches = rows[1][x] > 0.0;
             let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
             let beside = [rows[1][left], rows[1][right], rows[0][x], rows[2][x]].map(|p| p > 0.0);
-            let mut mm = far;
-            if beside.iter().any(|beside| *beside != touches) {
-                let places = [[left, y], [right, y], [x, y.saturating_sub(1)], [x, (y + 1).min(height - 1)]];
-                let mut nearest = [f32::INFINITY; 2];
-                for (k, (place, beside)) in places.into_iter().zip(beside).enumerate() {
-                    let way = match (touches, beside) {
-                        (true, false) => share([x, y], place, k / 2),
-                        (false, true) => (1.0 - share(place, [x, y], k / 2)).max(0.0),
-                        _ => continue,
-                    };
-                    nearest[k / 2] = nearest[k / 2].min(way * spacing[k / 2]);
-                }
-                // Distance to a straight edge that cuts both axes.
-                let [across_x, across_y] = nearest.map(|mm| 1.0 / (mm * mm));
-                mm = (1.0 / (across_x + across_y).sqrt()).min(far);
+            let places = [[left, y], [right, y], [x, y.saturating_sub(1)], [x, (y + 1).min(height - 1)]];
+            let mut nearest = [f32::INFINITY; 2];
+            for (k, (place, beside)) in places.into_iter().zip(beside).enumerate() {
+                let way = match (touches, beside) {
+                    (true, false) => share([x, y], place, k / 2),
+                    (false, true) => (1.0 - share(place, [x, y], k / 2)).max(0.0),
+                    _ => continue,
+                };
+                nearest[k / 2] = nearest[k / 2].min(way * spacing[k / 2]);
             }
-            inside.data[y * width + x] = if touches { mm } else { -mm } - shift;
+            // Distance to a straight edge that cuts both axes.
+            let [across_x, across_y] = nearest.map(|mm| 1.0 / (mm * mm));
+            let mm = (1.0 / (across_x + across_y).sqrt()).min(far);
+            distances[x] = if touches { mm } else { -mm } - shift;
         }
     }
     inside
+}
+
+/// Writes the distances of pixels far from an edge, inside and outside, and which pixels are at one: those with a neighbour
+/// that touches where they do not, or the reverse.
+#[inline(always)]
+fn lay_out_row([above, here, below]: [&[f32]; 3], [inside, outside]: [f32; 2], to: &mut [f32], at_edge: &mut [u8]) {
+    for (x, (to, at_edge)) in to.iter_mut().zip(&mut *at_edge).enumerate() {
+        let touches = here[x] > 0.0;
+        *to = if touches { inside } else { outside };
+        *at_edge = u8::from((above[x] > 0.0) ^ touches) | u8::from((below[x] > 0.0) ^ touches);
+    }
+    let differ = |pair: &[f32]| u8::from((pair[0] > 0.0) ^ (pair[1] > 0.0));
+    at_edge.iter_mut().zip(here.windows(2)).for_each(|(at_edge, pair)| *at_edge |= differ(pair));
+    at_edge.iter_mut().skip(1).zip(here.windows(2)).for_each(|(at_edge, pair)| *at_edge |= differ(pair));
 }

@@ -98,7 +98,7 @@ impl ElasticPad {
             let coupling = self.layer.coupling_compliance(q);
             coupling * coupling / (self.layer.normal_compliance(q) * self.layer.tangential_compliance(q))
         };
-        let deepest = depth.penetration.largest(|g| g);
+        let deepest = depth.penetration.largest_in(depth.touching);
         (0..=STEPS).map(share).fold(0.0, f64::max) * f64::from(deepest)
     }
 

@@ -34,6 +34,7 @@ pub mod layer;
 pub mod model_error;
 mod outside_window;
 mod partial_pixels;
+mod pixel_block;
 pub(super) mod placed;
 pub mod plane_transform;
 pub mod relaxation;
@@ -333,7 +334,7 @@ impl ElasticPad {
         prior.add_to(&mut solution.displacement, self.grid_placement(depth, lattice), lattice, [x0, y0], 1.0);
         if prior.strain.is_some() && prior.outside.is_none() {
             // Beside walls the difference between rubber and the layer is less exact than this bound.
-            let deepest_mm = depth.penetration.largest(|mm| mm).max(0.0);
+            let deepest_mm = depth.penetration.largest_in(depth.touching);
             solution.displacement.data.iter_mut().for_each(|w| *w = w.min(deepest_mm));
         }
         solution.converged &= prior.friction.is_none_or(|drag| drag.converged);
@@ -450,11 +451,11 @@ impl ElasticPad {
             return solution;
         }
         // A press shallower than the tolerance would count as solved from the beginning, whatever its pressure.
-        let deepest = penetration.largest(|g| g);
+        let deepest = penetration.largest_in(touching);
         let goal = tolerance.min(MAX_TOLERANCE_SHARE * deepest);
         let touching_px = simd_dispatch(
             #[inline(always)]
-            || count_true(penetration.data.iter().map(|g| *g > 0.0)),
+            || (touching.y0..touching.y1).map(|y| count_true(penetration.row(y).iter().map(|g| *g > 0.0))).sum::<u32>(),
         );
         let area = f64::from(touching_px) * self.coarse_mm_per_px[0] * self.coarse_mm_per_px[1];
         // Waves longer than the contact count as one in the preconditioner: within the contact they look alike.

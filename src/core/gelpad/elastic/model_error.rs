@@ -24,7 +24,7 @@
 
 use super::MAX_STRAIN;
 use super::shear::Friction;
-use crate::base::grid::Grid;
+use crate::base::grid::{Grid, bounding_box};
 use crate::base::simd::{count_true, largest_value, simd_dispatch};
 use crate::base::view::SURFACE_BORDER;
 
@@ -96,22 +96,19 @@ impl ContactEdge {
     /// view is at the edge.
     pub fn from_mask(mask: &Grid<u8>, penetration: &Grid<f32>, margin_px: usize, mm_per_px: [f64; 2]) -> Option<Self> {
         let wall_mm = mm_per_px.map(|mm| (WALL_SLOPE * mm) as f32);
-        let object = |y: usize| &penetration.row(y + margin_px)[margin_px..][..mask.width];
+        let part = bounding_box(mask, |value| value != 0).grown(1, mask.width, mask.height);
+        let touching = |y: usize| &mask.row(y)[part.x0..part.x1];
+        let object = |y: usize| &penetration.row(y + margin_px)[margin_px..][part.x0..part.x1];
         let (mut touching_px, mut sides) = (0_u64, [EdgeSides::default(); 2]);
-        let nothing = vec![0; mask.width];
-        for y in 0..mask.height {
-            let (touching, here) = (mask.row(y), object(y));
-            if touching == nothing && (y + 1 == mask.height || mask.row(y + 1) == nothing) {
-                continue;
-            }
-            let after = (touching.get(1..).unwrap_or_default(), here.get(1..).unwrap_or_default());
-            let below = if y + 1 < mask.height { (mask.row(y + 1), object(y + 1)) } else { Default::default() };
+        for y in part.y0..part.y1 {
+            let here = (touching(y), object(y));
+            let after = (here.0.get(1..).unwrap_or_default(), here.1.get(1..).unwrap_or_default());
+            let below = if y + 1 < part.y1 { (touching(y + 1), object(y + 1)) } else { Default::default() };
             let (many, along, down) = simd_dispatch(
                 #[inline(always)]
                 || {
-                    let many = count_true(touching.iter().map(|value| *value != 0));
-                    let along = EdgeSides::between((touching, here), after, wall_mm[0]);
-                    (many, along, EdgeSides::between((touching, here), below, wall_mm[1]))
+                    let many = count_true(here.0.iter().map(|value| *value != 0));
+                    (many, EdgeSides::between(here, after, wall_mm[0]), EdgeSides::between(here, below, wall_mm[1]))
                 },
             );
             touching_px += u64::from(many);

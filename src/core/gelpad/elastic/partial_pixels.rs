@@ -13,41 +13,20 @@
 //! within 0.06 of a pixel, apart from the half pixel by which the wall is not known. A rounded edge, whose pressure is
 //! not highest at the wall, stays as it is.
 
-use std::f32::consts::PI;
 use std::ops::Range;
 
 use super::lattice::Lattice;
+use super::pixel_block::{PixelBlock, Step, WallScale, edge_pressure_share};
 use super::wall_marks::WallMarks;
 use crate::base::grid::{Grid, Rect};
-use crate::base::simd::simd_dispatch;
+use crate::base::simd::{larger, simd_dispatch, smaller};
 use crate::depth::Depth;
-
-/// Slope of the object between two of the camera's pixels above which there is a wall; from twice that slope on it is a
-/// full one.
-const WALL_SLOPE: f32 = 2.0;
-
-/// Compliance of an edge, in pixel sizes times 2 / E'.
-const EDGE_COMPLIANCE: f32 = 0.911;
-
-/// Distance by which the edge of evenly pressed pixels acts inside of where it is, pixel sizes.
-const EDGE_SHORTFALL: f32 = 0.18;
 
 /// How much stiffer a pixel is that ends at a wall, in pixel sizes times 2 / E', where only pixel centres tell of the wall.
 const EDGE_STIFFENING: f32 = 0.1;
 
-/// Displacement of a pixel's centre under its own pressure, in pixel sizes times 2 / E': for a square pixel, and for
-/// one that is endless in one direction.
-const SQUARE_COMPLIANCE: f32 = 0.561;
-const STRIP_COMPLIANCE: f32 = 0.539;
-
-/// Displacement of the next pixel's centre as a share of the own, on a half-space.
-const NEIGHBOUR_SHARE: f32 = 0.284;
-
-/// Steps to the eight neighbours of a pixel.
-const NEIGHBOURS: [[isize; 2]; 8] = [[-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
-
-/// Cosines of the angles between two directions from which on they begin to count as the same, and do in full.
-const SAME_DIRECTION: [f32; 2] = [0.6, 0.7];
+/// Distance of candidates in a row, in the solver's pixels, up to which they are tested together with what lies between.
+const MARKED_TOGETHER: usize = 8;
 
 /// Compression, as a share of the wall's height, from which on the part beside a wall is pressed in full.
 const PRESSED_BESIDE: f32 = 0.25;
@@ -57,12 +36,6 @@ const FREED_BELOW: f32 = 0.98;
 
 /// Number of stops and frees after which a pixel is not freed again: rounding could go on for ever.
 const MOST_CHANGES: u8 = 6;
-
-/// Distance of a face's middle from a pixel's centre, in the pixel's size, from which on it lies on one side.
-const ASIDE: f32 = 0.1;
-
-/// Weight of the value at a pixel's centre in its penetration.
-const CENTRE_WEIGHT: f32 = 4.0;
 
 /// A pixel of the solver's grid that a wall cuts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,6 +71,17 @@ impl PartialPixel {
         }
     }
 
+    /// Makes a pixel that a wall cuts.
+    pub fn cut(
+        at: [usize; 2],
+        compliance: f32,
+        max_compression_mm: f32,
+        centre_drop_mm: f32,
+        centre_covered: f32,
+    ) -> Self {
+        Self { max_compression_mm, centre_drop_mm, centre_covered, ..Self::at_edge(at, compliance) }
+    }
+
     /// Returns how far below the penetration the pixel is under a pressure, mm.
     pub fn compression_mm(&self, pressure: f32) -> f32 {
         if self.is_stopped { self.max_compression_mm } else { self.compliance * pressure }
@@ -130,8 +114,7 @@ impl PartialPixel {
     /// Estimates the pixel's pressure as a share of the next pixel's, farther from the wall: roughly that at the edge
     /// of a punch.
     pub fn pressure_share(&self, own: f32) -> f32 {
-        let c = 1.0 / (1.0 + self.compliance * SQUARE_COMPLIANCE / (EDGE_COMPLIANCE * own));
-        0.9 * c * (1.0 + c)
+        edge_pressure_share(self.compliance, own)
     }
 
     /// Returns the compression under pressure 1 that is not at its limit, mm.
@@ -175,18 +158,10 @@ impl DownsampledObject {
     /// Downsamples a depth map with pixels of this size to the grid `lattice`. `kernel` is the displacement around one of
     /// the lattice's pixels under pressure 1, mm.
     pub fn new(lattice: Lattice, depth: &Depth, mm_per_px: [f64; 2], kernel: &Grid<f32>) -> Self {
-        let own = kernel.at(0, 0);
-        let beside = kernel.at(1.min(kernel.width - 1), 0) + kernel.at(0, 1.min(kernel.height - 1));
-        let cells = PixelBlocks {
-            lattice,
-            fine: &depth.penetration,
-            step_mm: mm_per_px.map(|mm| WALL_SLOPE * mm as f32),
-            unit: own / SQUARE_COMPLIANCE,
-            deepest_mm: depth.penetration.largest(|g| g),
-            sharing: (0.5 * beside / (NEIGHBOUR_SHARE * own)).clamp(0.0, 1.0),
-        };
+        let scale = WallScale::new(lattice, depth, mm_per_px, kernel);
         if lattice.factor == 1 {
-            return Self { penetration: Grid::default(), partial_pixels: cells.edge_pixels(depth.touching) };
+            let partial_pixels = find_edge_pixels(&depth.penetration, depth.touching, &scale);
+            return Self { penetration: Grid::default(), partial_pixels };
         }
         let mut downsampled =
             Self { penetration: lattice.downsample(&depth.penetration, mm_per_px), partial_pixels: Vec::new() };
@@ -194,19 +169,19 @@ impl DownsampledObject {
             return downsampled;
         }
         let around = lattice.coarse_box_around(depth.touching);
-        let mut spans = [vec![0.0_f32; depth.penetration.width], vec![0.0_f32; depth.penetration.width]];
-        let (mut steep, mut marks) = (Vec::new(), WallMarks::default());
+        let mut candidates = WallCandidates::new(&depth.penetration, &scale, around);
+        let mut marks = WallMarks::default();
         for y in around.y0..around.y1 {
-            cells.column_extremes(y, around, &mut spans);
-            steep.clear();
-            steep.extend((around.x0..around.x1).filter(|x| cells.may_be_partial(*x, &spans)));
-            let [Some(first), Some(last)] = [steep.first(), steep.last()] else { continue };
-            let columns = cells.around(*first, 0).start..cells.around(*last, 0).end;
-            marks.mark(cells.fine, lattice.fine_within(y, 1).0, columns, cells.step_mm);
-            for &x in steep.iter().filter(|x| marks.any(lattice.fine_within(**x, 0).0)) {
-                if let Some((pixel, penetration)) =
-                    cells.partial_pixel([x, y], &marks, downsampled.penetration.at(x, y))
-                {
+            candidates.find_in_row(y);
+            marks.clear(depth.penetration.width);
+            for near in candidates.found.chunk_by(|x, next| next - x <= MARKED_TOGETHER) {
+                let columns =
+                    candidates.fine_around(near[0], 0).start..candidates.fine_around(near[near.len() - 1], 0).end;
+                marks.mark(&depth.penetration, lattice.fine_within(y, 1).0, columns, scale.step_mm);
+            }
+            for &x in candidates.found.iter().filter(|x| marks.any(lattice.fine_within(**x, 0).0)) {
+                let block = PixelBlock::new(&scale, &depth.penetration, &marks, [x, y]);
+                if let Some((pixel, penetration)) = block.partial_pixel(downsampled.penetration.at(x, y)) {
                     downsampled.partial_pixels.push(pixel);
                     downsampled.penetration.row_mut(y)[x] = penetration;
                 }
@@ -216,366 +191,186 @@ impl DownsampledObject {
     }
 }
 
-/// A wall in or beside one of the solver's pixels.
-struct WallDrop {
-    /// Penetration over and under the wall, mm.
-    most: f32,
-    least: f32,
-    /// How much of a wall it is where it is steepest, 0 to 1.
-    share: f32,
-    /// How much it counts in the pixel, 0 to 1.
-    weight: f32,
-}
-
-impl WallDrop {
-    /// Returns how much of what is as deep as `g` lies on the object's face, 0 to 1. Above the middle of the drop is the
-    /// face, below it the part beside the wall; near the middle it is a mixture.
-    fn face_share(&self, g: f32) -> f32 {
-        (2.0 * (g - self.least) / (self.most - self.least) - 0.5).clamp(0.0, 1.0)
-    }
-}
-
-/// One of the fine pixels in one of the solver's.
-struct BlockPixel {
-    at: [usize; 2],
-    /// How much of it is in the solver's pixel.
-    share: f32,
-    /// Whether it lies at the solver's pixel's centre.
-    central: bool,
-}
-
-/// The part of a solver's pixel on the object's face.
-struct CoveredPart {
-    /// mm under pressure 1 at Young's modulus 1.
-    compliance: f32,
-    /// Penetration of the face at the pixel's centre, mm.
-    face_mm: f32,
-    /// How many of the fine pixels at the centre are on the face.
-    central_face: f32,
-}
-
-/// What lies between two fine pixels.
-struct Step {
-    /// How much of a wall, 0 to 1.
-    share: f32,
-    /// Change of the face before it from pixel to pixel towards the wall, mm.
-    change_mm: f32,
-    /// Slope of the face before it; where it is shallow, as a share of half its depth.
-    steepness: f32,
-}
-
-/// How much of a fine pixel lies on an object's face.
-struct GrownFace {
-    /// 0 to 1.
-    share: f32,
-    /// Penetration of that part, mm.
-    depth_mm: f32,
-    /// Along x and y: change of the face's penetration from one pixel to the next where it ends at walls, mm, times how
-    /// much of them there is; and the latter.
-    slopes_mm: [[f32; 2]; 2],
-}
-
-/// The camera's pixels in each of the solver's pixels; a pixel that two of them share counts by half.
-struct PixelBlocks<'a> {
-    lattice: Lattice,
+/// Pixels of a row of the solver's grid that a wall may cut: a quick test.
+struct WallCandidates<'a> {
     fine: &'a Grid<f32>,
-    /// Drop from one fine pixel to the next above which there is a wall, along x and y.
-    step_mm: [f32; 2],
-    /// 2 / E' times the solver's pixel size.
-    unit: f32,
-    /// The object's largest penetration, mm: no face is deeper.
-    deepest_mm: f32,
-    /// How much of a pixel's pressure moves the next one, 0 to 1: 1 on a thick pad. On one that is thinner than a pixel
-    /// pressures do not rise at walls.
-    sharing: f32,
+    scale: &'a WallScale,
+    around: Rect,
+    /// The highest and the lowest penetration of each of the camera's columns within the row and a pixel around it, with
+    /// one column more at either end.
+    high: Vec<f32>,
+    low: Vec<f32>,
+    /// Above 0 where the object may drop by a wall between one of these columns and those after it, as many as a solver's
+    /// pixel has with one on either side.
+    drops: Vec<u8>,
+    /// Columns of the solver's grid.
+    found: Vec<usize>,
 }
 
-impl PixelBlocks<'_> {
-    /// Finds the highest and the lowest penetration of each fine column within a row of coarse pixels and a fine pixel
-    /// around it.
-    fn column_extremes(&self, y: usize, part: Rect, [high, low]: &mut [Vec<f32>; 2]) {
-        let columns = self.around(part.x0, 0).start..self.around(part.x1 - 1, 0).end;
-        let rows = self.around(y, 1);
-        let first = &self.fine.row(rows.start)[columns.clone()];
-        let (high, low) = (&mut high[columns.clone()], &mut low[columns.clone()]);
-        high.copy_from_slice(first);
-        low.copy_from_slice(first);
-        simd_dispatch(
-            #[inline(always)]
-            || {
-                for row in rows.start + 1..rows.end {
-                    let row = &self.fine.row(row)[columns.clone()];
-                    for ((high, low), g) in high.iter_mut().zip(&mut *low).zip(row) {
-                        *high = if *g > *high { *g } else { *high };
-                        *low = if *g < *low { *g } else { *low };
-                    }
-                }
-            },
-        );
+impl<'a> WallCandidates<'a> {
+    fn new(fine: &'a Grid<f32>, scale: &'a WallScale, around: Rect) -> Self {
+        let zeros = vec![0.0; fine.width + 2];
+        Self { fine, scale, around, high: zeros.clone(), low: zeros, drops: Vec::new(), found: Vec::new() }
     }
 
-    /// Returns the fine columns or rows in a coarse pixel and the one on either side.
-    fn around(&self, coarse: usize, k: usize) -> Range<usize> {
-        let (inside, _) = self.lattice.fine_within(coarse, k);
+    /// Returns the camera's columns or rows in one of the solver's pixels and the one on either side.
+    fn fine_around(&self, coarse: usize, k: usize) -> Range<usize> {
+        let (inside, _) = self.scale.lattice.fine_within(coarse, k);
         let size = [self.fine.width, self.fine.height][k];
         inside.start.saturating_sub(1)..(inside.end + 1).min(size)
     }
 
-    /// Returns true if the object may drop by a wall within the pixel or beside it and presses there. A quick test.
-    fn may_be_partial(&self, x: usize, [high, low]: &[Vec<f32>; 2]) -> bool {
-        let columns = self.around(x, 0);
-        // Comparisons, as `max` and `min` take five instructions more to know of NaN, which does not occur here.
-        let most = high[columns.clone()].iter().fold(f32::NEG_INFINITY, |most, g| if *g > most { *g } else { most });
-        let least = low[columns].iter().fold(f32::INFINITY, |least, g| if *g < least { *g } else { least });
-        most > 0.0 && most - least.max(0.0) > (0.5 * most).min(self.step_mm[0].min(self.step_mm[1]))
-    }
-
-    /// Returns how far the object reaches below the undeformed pad, mm; 0 above it, as not every object is captured
-    /// there.
-    fn penetration_at(&self, [x, y]: [usize; 2]) -> f32 {
-        self.fine.at(x, y).max(0.0)
-    }
-
-    /// Returns what lies between a fine pixel and the next one along axis `k`.
-    fn wall_between(&self, at: [usize; 2], k: usize) -> Step {
-        let size = [self.fine.width, self.fine.height][k];
-        let moved = |by: isize| {
-            let mut to = at;
-            to[k] = at[k].saturating_add_signed(by).min(size - 1);
-            self.penetration_at(to)
-        };
-        let [here, next] = [moved(0), moved(1)];
-        let steep = (here - next).abs() / self.step_mm[k] - 1.0;
-        // A shallow press reaches only a little way down a wall. There is a wall if the object would continue by its
-        // slope and curvature, and more than half of its depth is missing.
-        let ([upper, lower], back) = if here > next { ([here, next], [-1, -2]) } else { ([next, here], [2, 3]) };
-        let [before, earlier] = back.map(moved);
-        let ahead = (3.0 * (upper - before) + earlier).min(upper);
-        let ends = if upper > 0.0 { 2.0 * (ahead - lower) / upper - 1.0 } else { 0.0 };
-        let wall = steep.max(ends);
-        // A wall that leans may lower the last pixel: the smaller of two slopes counts.
-        let (last, inner) = (upper - before, before - earlier);
-        let change_mm = if last * inner <= 0.0 { 0.0 } else { last.signum() * last.abs().min(inner.abs()) };
-        let flat_mm = (0.5 * upper).min(0.5 * self.step_mm[k]).max(f32::MIN_POSITIVE);
-        let steepness = last.abs().max(inner.abs()) / flat_mm;
-        Step { share: if wall > 0.0 { wall.min(1.0) } else { 0.0 }, change_mm, steepness }
-    }
-
-    /// Finds the pixels that end at a wall, on the camera's own grid, which does not tell where in the next pixel it is.
-    fn edge_pixels(&self, touching: Rect) -> Vec<PartialPixel> {
-        let mut found = Vec::new();
-        let size = [self.fine.width, self.fine.height];
-        for y in touching.y0..touching.y1 {
-            let rows = [y.saturating_sub(1), y, (y + 1).min(size[1] - 1)].map(|y| self.fine.row(y));
-            for x in touching.x0..touching.x1 {
-                let g = rows[1][x];
-                let beside = [rows[1][x.saturating_sub(1)], rows[1][(x + 1).min(size[0] - 1)], rows[0][x], rows[2][x]];
-                let drop = g - beside.into_iter().fold(g, f32::min).max(0.0);
-                if drop <= (0.5 * g).min(self.step_mm[0].min(self.step_mm[1])) {
-                    continue;
-                }
-                let walls = self.neighbours([x, y]).filter(|(next, ..)| self.penetration_at(*next) < g);
-                let ends = walls.map(|(_, pair, k)| {
-                    let step = self.wall_between(pair, k);
-                    step.share * (1.0 - step.steepness).max(0.0)
-                });
-                let wall = ends.fold(0.0, f32::max);
-                if wall > 0.0 {
-                    found.push(PartialPixel::at_edge([x, y], -EDGE_STIFFENING * self.sharing * wall * self.unit));
-                }
-            }
-        }
-        found
-    }
-
-    /// Finds the wall in a pixel, and the wall beside it whose higher side is not the pixel's. Their weight is 0 where there
-    /// is none. Pairs of pixels without a mark have none.
-    fn find_walls(&self, block: &[Range<usize>; 2], marks: &WallMarks) -> [WallDrop; 2] {
-        let mut inside = WallDrop { most: f32::NEG_INFINITY, least: f32::INFINITY, share: 0.0, weight: 0.0 };
-        let mut beside = WallDrop { most: f32::NEG_INFINITY, least: 0.0, share: 0.0, weight: 0.0 };
-        for y in block[1].clone() {
-            for x in block[0].clone() {
-                let g = self.penetration_at([x, y]);
-                (inside.most, inside.least) = (inside.most.max(g), inside.least.min(g));
-                for (next, pair, k) in self.neighbours([x, y]).filter(|(_, pair, k)| marks.is_marked(pair[0], *k)) {
-                    let higher = self.penetration_at(next);
-                    if !block[k].contains(&next[k]) {
-                        if higher > g {
-                            let share = self.wall_between(pair, k).share;
-                            // The beginning of a wall changes nothing at once.
-                            beside.most = beside.most.max(g + (higher - g) * (4.0 * share).min(1.0));
-                            beside.share = beside.share.max(share);
+    /// Finds pixels in which the object may drop by a wall, or beside which it may, and presses there.
+    fn find_in_row(&mut self, y: usize) {
+        let lattice = self.scale.lattice;
+        let (rows, width) = (self.fine_around(y, 1), self.fine.width);
+        let first = lattice.fine_within(self.around.x0, 0).0;
+        // All pixels have as many columns. Numbers of columns count from the one more at the left.
+        let wide = first.len() + 2;
+        let columns = first.start..lattice.fine_within(self.around.x1 - 1, 0).0.end + 2;
+        let inside = columns.start.max(1)..columns.end.min(width + 1);
+        let least_mm = self.scale.least_step_mm();
+        self.drops.clear();
+        self.drops.resize(columns.len() + 1 - wide, 0);
+        let Self { fine, high, low, drops, .. } = self;
+        simd_dispatch(
+            #[inline(always)]
+            move || {
+                let row = |y: usize| &fine.row(y)[inside.start - 1..inside.end - 1];
+                {
+                    let (high, low) = (&mut high[inside.clone()], &mut low[inside.clone()]);
+                    high.copy_from_slice(row(rows.start));
+                    low.copy_from_slice(row(rows.start));
+                    for y in rows.start + 1..rows.end {
+                        for ((high, low), g) in high.iter_mut().zip(&mut *low).zip(row(y)) {
+                            *high = larger(*g, *high);
+                            *low = smaller(*g, *low);
                         }
-                    } else if pair == [x, y] {
-                        inside.share = inside.share.max(self.wall_between(pair, k).share);
                     }
                 }
+                for values in [&mut *high, &mut *low] {
+                    (values[0], values[width + 1]) = (values[1], values[width]);
+                }
+                let spans = [&high[columns.clone()], &low[columns]];
+                match wide {
+                    4 => flag_drops::<4>(spans, least_mm, drops),
+                    5 => flag_drops::<5>(spans, least_mm, drops),
+                    6 => flag_drops::<6>(spans, least_mm, drops),
+                    7 => flag_drops::<7>(spans, least_mm, drops),
+                    _ => drops.fill(1),
+                }
+            },
+        );
+        let drops = self.drops.iter().step_by(lattice.factor);
+        self.found.clear();
+        self.found.extend((self.around.x0..self.around.x1).zip(drops).filter(|(_, drops)| **drops > 0).map(|(x, _)| x));
+    }
+}
+
+/// Flags the columns with which `WIDE` columns begin where the object may drop by a wall.
+#[inline(always)]
+fn flag_drops<const WIDE: usize>([high, low]: [&[f32]; 2], least_mm: f32, drops: &mut [u8]) {
+    let (high, low) = (&high[..drops.len() + WIDE - 1], &low[..drops.len() + WIDE - 1]);
+    for (x, drops) in drops.iter_mut().enumerate() {
+        let (mut most, mut least) = (high[x], low[x]);
+        for k in 1..WIDE {
+            most = larger(high[x + k], most);
+            least = smaller(low[x + k], least);
+        }
+        *drops = u8::from((most > 0.0) & (most - larger(least, 0.0) > smaller(0.5 * most, least_mm)));
+    }
+}
+
+/// Finds the pixels that end at a wall, on the camera's own grid, which does not tell where in the next pixel it is.
+fn find_edge_pixels(fine: &Grid<f32>, touching: Rect, scale: &WallScale) -> Vec<PartialPixel> {
+    let mut found = Vec::new();
+    for y in touching.y0..touching.y1 {
+        let rows = [y.saturating_sub(1), y, (y + 1).min(fine.height - 1)].map(|y| fine.row(y));
+        for x in touching.x0..touching.x1 {
+            let g = rows[1][x];
+            let beside = [rows[1][x.saturating_sub(1)], rows[1][(x + 1).min(fine.width - 1)], rows[0][x], rows[2][x]];
+            let drop = g - beside.into_iter().fold(g, f32::min).max(0.0);
+            if drop <= (0.5 * g).min(scale.least_step_mm()) {
+                continue;
+            }
+            let mut wall = 0.0_f32;
+            for (k, ahead) in [(0, false), (0, true), (1, false), (1, true)] {
+                let (mut first, mut next) = ([x, y], [x, y]);
+                if ahead {
+                    next[k] += 1;
+                } else {
+                    next[k] = next[k].wrapping_sub(1);
+                    first = next;
+                }
+                let lower = next[0] < fine.width && next[1] < fine.height && fine.at(next[0], next[1]).max(0.0) < g;
+                if lower {
+                    let step = step_from(fine, first, k, scale.step_mm[k]);
+                    wall = wall.max(step.share * (1.0 - step.steepness).max(0.0));
+                }
+            }
+            if wall > 0.0 {
+                found.push(PartialPixel::at_edge([x, y], -EDGE_STIFFENING * scale.sharing * wall * scale.unit));
             }
         }
-        // All of the pixel is on the lower side. Less counts, the higher the pixel reaches.
-        beside.least = inside.most;
-        let higher = (beside.most - beside.least) / (beside.most - inside.least);
-        inside.weight = inside.share;
-        beside.weight = (1.0 - inside.share) * beside.share * if higher > 0.0 { higher } else { 0.0 };
-        [inside, beside]
     }
+    found
+}
 
-    /// Returns how walls in a pixel or beside it cut the pixel, and the penetration of the covered part; `None` if no wall
-    /// does. `plain_mm` is the penetration without walls.
-    fn partial_pixel(&self, at: [usize; 2], marks: &WallMarks, plain_mm: f32) -> Option<(PartialPixel, f32)> {
-        let [(columns, halves_x), (rows, halves_y)] = [0, 1].map(|k| self.lattice.fine_within(at[k], k));
-        let block = [columns, rows];
-        let walls = self.find_walls(&block, marks);
-        if walls.iter().all(|wall| wall.weight == 0.0) {
-            return None;
-        }
-        let central = [0, 1].map(|k| self.lattice.fine_at_centre(at[k], k));
-        let (mut whole, mut mean, mut centre) = (0.0, 0.0, 0.0);
-        let border = |at: usize, of: &Range<usize>| at == of.start || at + 1 == of.end;
-        let mut pixels = Vec::with_capacity(block[0].len() * block[1].len());
-        for y in block[1].clone() {
-            let share_y = if halves_y && border(y, &block[1]) { 0.5 } else { 1.0 };
-            for x in block[0].clone() {
-                let share = if halves_x && border(x, &block[0]) { 0.5 * share_y } else { share_y };
-                let (g, central) = (self.penetration_at([x, y]), central[0].contains(&x) && central[1].contains(&y));
-                (whole, mean) = (whole + share, mean + share * g);
-                centre += if central { g } else { 0.0 };
-                pixels.push(BlockPixel { at: [x, y], share, central });
+/// Returns what lies between a pixel and the next one along axis `k`.
+fn step_from(fine: &Grid<f32>, first: [usize; 2], k: usize, step_mm: f32) -> Step {
+    let last = [fine.width, fine.height][k] - 1;
+    let pressed_mm = |by: isize| {
+        let mut at = first;
+        at[k] = first[k].saturating_add_signed(by).min(last);
+        fine.at(at[0], at[1]).max(0.0)
+    };
+    Step::between([-2, -1, 0, 1, 2, 3].map(pressed_mm), step_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::grid::Resolution;
+    use crate::base::rng::random_stream;
+
+    #[test]
+    fn candidates_are_the_pixels_with_a_drop_in_or_beside_them() {
+        let mut random = random_stream(5, "walls", 0);
+        let mut found_any = 0;
+        for (width, height) in [(2, 3), (4, 4), (7, 5), (64, 9), (65, 12), (130, 11)] {
+            for resolution in [Resolution::Half, Resolution::Quarter] {
+                let lattice = Lattice::new(resolution, [width, height]);
+                let mut penetration: Grid<f32> = Grid::new(width, height);
+                // Mostly above the pad, with single pixels that stand out.
+                for mm in &mut penetration.data {
+                    let number = random.uniform() as f32;
+                    *mm = if number < 0.95 { 0.03 * number - 0.025 } else { 0.3 };
+                }
+                let touching = Rect::whole(width, height);
+                let depth = Depth { penetration, margin_px: 0, touching, deepest_mm: 0.0, over_thickness_px: 0 };
+                let kernel = Grid { width: 1, height: 1, data: vec![1.0] };
+                let scale = WallScale::new(lattice, &depth, [0.02, 0.03], &kernel);
+                let around = lattice.coarse_box_around(touching);
+                let mut candidates = WallCandidates::new(&depth.penetration, &scale, around);
+                for y in around.y0..around.y1 {
+                    candidates.find_in_row(y);
+                    let drops = |x: &usize| {
+                        let columns = candidates.fine_around(*x, 0);
+                        let values =
+                            || candidates.fine_around(y, 1).flat_map(|y| &depth.penetration.row(y)[columns.clone()]);
+                        let most = values().copied().fold(f32::NEG_INFINITY, f32::max);
+                        let least = values().copied().fold(f32::INFINITY, f32::min);
+                        most > 0.0 && most - least.max(0.0) > (0.5 * most).min(scale.least_step_mm())
+                    };
+                    let expected: Vec<usize> = (around.x0..around.x1).filter(drops).collect();
+                    // Fewer columns than one of the solver's pixels has are not tested quickly.
+                    if width >= lattice.factor {
+                        assert_eq!(candidates.found, expected, "{width} x {height}, {resolution:?}, row {y}");
+                    }
+                    found_any += expected.len();
+                }
             }
         }
-        let count = (central[0].len() * central[1].len()) as f32;
-        centre /= count;
-        // Not every object is captured above the pad.
-        let lower_mm = plain_mm.max(0.0);
-        let (mut compliance, mut penetration, mut uncovered) = (0.0, lower_mm, 0.0);
-        for wall in walls.iter().filter(|wall| wall.weight > 0.0) {
-            if let Some(part) = self.covered_part(at, wall, &pixels, whole) {
-                compliance += wall.weight * part.compliance;
-                // The face, weighted by how much of a wall there is.
-                penetration += wall.weight * (part.face_mm - lower_mm);
-                uncovered += wall.weight * (1.0 - part.central_face / count);
-            }
-        }
-        if uncovered == 0.0 && compliance == 0.0 {
-            return None;
-        }
-        let pixel = PartialPixel {
-            at,
-            compliance,
-            max_compression_mm: (penetration - mean / whole).max(0.0),
-            centre_drop_mm: penetration - centre,
-            centre_covered: 1.0 - uncovered,
-            is_stopped: false,
-            changes_left: MOST_CHANGES,
-        };
-        Some((pixel, penetration))
-    }
-
-    /// Returns the part of a pixel that lies on the object's face, if a wall ends it; `None` if all of it or nothing does.
-    fn covered_part(&self, at: [usize; 2], wall: &WallDrop, pixels: &[BlockPixel], whole: f32) -> Option<CoveredPart> {
-        let middle = [0, 1].map(|k| self.lattice.centre_px(at[k], k) as f32);
-        let (mut covered, mut grown, mut towards, mut central_face) = (0.0, 0.0, [0.0; 2], 0.0);
-        // Of the face: its penetration and place, weighted, and its slopes at walls.
-        let (mut weights, mut face_mm, mut place, mut slopes) = (0.0, 0.0, [0.0; 2], [[0.0_f32; 2]; 2]);
-        for BlockPixel { at, share, central } in pixels {
-            let face = wall.face_share(self.penetration_at(*at));
-            let more = self.grown_face(*at, face, wall);
-            covered += share * face;
-            grown += share * more.share;
-            central_face += if *central { face } else { 0.0 };
-            let weight = share * more.share * if *central { CENTRE_WEIGHT } else { 1.0 };
-            (weights, face_mm) = (weights + weight, face_mm + weight * more.depth_mm);
-            for k in 0..2 {
-                let away = at[k] as f32 - middle[k];
-                towards[k] += share * more.share * away;
-                place[k] += weight * away;
-                (0..2).for_each(|part| slopes[k][part] += more.slopes_mm[k][part]);
-            }
-        }
-        if covered == whole || grown == 0.0 {
-            return None;
-        }
-        // The face of a ridge across the pixel's centre goes on nowhere.
-        let aside = towards[0].hypot(towards[1]) / (ASIDE * self.lattice.factor as f32 * grown);
-        let goes_on = aside.min(1.0) * self.face_continuation(at, towards, |g| wall.face_share(g));
-        let c = (covered + goes_on * (grown - covered)) / whole;
-        if c == 0.0 {
-            return None;
-        }
-        // A ridge no wider than the pixel acts as a rigid strip instead of an even pressure.
-        let [edge, ridge] = [EDGE_COMPLIANCE * (1.0 - c) / c, ((4.0 / c).ln() / PI - STRIP_COMPLIANCE).max(0.0)];
-        // The face is continued to the pixel's centre.
-        let fall = |k: usize| slopes[k][0] / slopes[k][1].max(1.0) * place[k];
-        Some(CoveredPart {
-            compliance: self.unit * (ridge + goes_on * (edge - ridge)),
-            face_mm: ((face_mm - fall(0) - fall(1)) / weights).min(self.deepest_mm),
-            central_face,
-        })
-    }
-
-    /// Returns the neighbours of a fine pixel along the axes: each with the first pixel of the pair and the axis.
-    fn neighbours(&self, [x, y]: [usize; 2]) -> impl Iterator<Item = ([usize; 2], [usize; 2], usize)> {
-        let [right, below] = [x + 1 < self.fine.width, y + 1 < self.fine.height];
-        [
-            (x > 0).then(|| ([x - 1, y], [x - 1, y], 0)),
-            right.then_some(([x + 1, y], [x, y], 0)),
-            (y > 0).then(|| ([x, y - 1], [x, y - 1], 1)),
-            below.then_some(([x, y + 1], [x, y], 1)),
-        ]
-        .into_iter()
-        .flatten()
-    }
-
-    /// Returns how much of a fine pixel, of which the share `face` lies on an object's face, lies on a face that is larger
-    /// by [`EDGE_SHORTFALL`].
-    fn grown_face(&self, at: [usize; 2], face: f32, wall: &WallDrop) -> GrownFace {
-        let g = self.penetration_at(at);
-        let mut grown = GrownFace { share: face, depth_mm: g, slopes_mm: [[0.0; 2]; 2] };
-        if face == 1.0 {
-            return grown;
-        }
-        // The largest share along x and along y, and the depth, weighted.
-        let (mut beside, mut weights, mut depth_mm) = ([0.0_f32; 2], 0.0, 0.0);
-        for (next, pair, k) in self.neighbours(at) {
-            let upper = self.penetration_at(next);
-            if upper > g {
-                let step = self.wall_between(pair, k);
-                // Pressures are not highest at the wall where the face before it is steep.
-                let rising = (2.0 - 0.5 * step.steepness).clamp(0.0, 1.0);
-                // In full where the wall is highest: where walls vanish, nothing may change at once.
-                let share = rising * wall.face_share(upper) * (step.share / wall.share).min(1.0);
-                beside[k] = beside[k].max(share);
-                (weights, depth_mm) = (weights + share, depth_mm + share * (upper + step.change_mm));
-                let outwards = at[k] as f32 - next[k] as f32;
-                let [slopes, shares] = grown.slopes_mm[k];
-                grown.slopes_mm[k] = [slopes + share * step.change_mm * outwards, shares + share];
-            }
-        }
-        // Pixels along a wall askew are fewer than along a straight one, and have neighbours on both axes.
-        let growth_px = EDGE_SHORTFALL * self.sharing * self.lattice.factor as f32;
-        let share = (growth_px * beside[0].hypot(beside[1])).min(1.0);
-        if share > face {
-            grown.depth_mm = (face * g + (share - face) * (depth_mm / weights).max(g)) / share;
-            grown.share = share;
-        }
-        grown
-    }
-
-    /// Returns how far the object's face continues into the neighbours on the covered side of a pixel, 0 to 1.
-    fn face_continuation(&self, at: [usize; 2], middle: [f32; 2], on_face: impl Fn(f32) -> f32) -> f32 {
-        let (size, length) = (self.lattice.size(), middle[0].hypot(middle[1]));
-        let towards = |[dx, dy]: [isize; 2]| {
-            let along = dx as f32 * middle[0] + dy as f32 * middle[1];
-            let cosine = along / (length * (dx as f32).hypot(dy as f32));
-            let [begins, full] = SAME_DIRECTION;
-            if cosine > begins { ((cosine - begins) / (full - begins)).min(1.0) } else { 0.0 }
-        };
-        let face = |step: [isize; 2]| {
-            let next = [0, 1].map(|k| at[k].saturating_add_signed(step[k]).min(size[k] - 1));
-            let [columns, rows] = [0, 1].map(|k| self.lattice.fine_at_centre(next[k], k));
-            let pixels = rows.flat_map(|row| columns.clone().map(move |column| [column, row]));
-            pixels.map(|px| on_face(self.penetration_at(px))).fold(0.0, f32::max)
-        };
-        NEIGHBOURS.into_iter().map(|step| towards(step) * face(step)).fold(0.0, f32::max)
+        assert!(found_any > 100);
     }
 }

@@ -24,15 +24,19 @@ pub struct WallMarks {
 }
 
 impl WallMarks {
+    /// Removes all marks; there are `width` columns.
+    pub fn clear(&mut self, width: usize) {
+        for marks in [&mut self.along_x, &mut self.along_y] {
+            marks.clear();
+            marks.resize(width, 0);
+        }
+    }
+
     /// Marks the pairs with a pixel in `rows`, between `columns`. Larger steps than `step_mm` are walls whatever surrounds
     /// them, along x and y.
     pub fn mark(&mut self, fine: &Grid<f32>, rows: Range<usize>, columns: Range<usize>, step_mm: [f32; 2]) {
         let Self { along_x, along_y, padded } = self;
         let (count, last) = (columns.len(), fine.height - 1);
-        for marks in [&mut *along_x, along_y] {
-            marks.clear();
-            marks.resize(fine.width, 0);
-        }
         let (along_x, along_y) = (&mut along_x[columns.clone()], &mut along_y[columns.clone()]);
         for y in rows.clone() {
             padded.clear();
