@@ -85,10 +85,15 @@ impl Depth {
     pub fn below_pad(&self) -> Grid<f32> {
         let [width, height] = [self.penetration.width, self.penetration.height].map(|px| px - 2 * self.margin_px);
         let mut data = Vec::with_capacity(width * height);
-        for y in 0..height {
-            let row = &self.penetration.row(y + self.margin_px)[self.margin_px..][..width];
-            data.extend(row.iter().map(|mm| mm.max(0.0)));
-        }
+        simd_dispatch(
+            #[inline(always)]
+            || {
+                for y in 0..height {
+                    let row = &self.penetration.row(y + self.margin_px)[self.margin_px..][..width];
+                    data.extend(row.iter().map(|mm| if *mm > 0.0 { *mm } else { 0.0 }));
+                }
+            },
+        );
         Grid { width, height, data }
     }
 }
@@ -190,7 +195,7 @@ pub fn capture_samples(
     window: CaptureWindow,
 ) -> Vec<[f32; SAMPLES]> {
     let (canvas, projection) = part_canvas(object, pose, view, region, window);
-    let mut heights = vec![[canvas.ceiling; SAMPLES]; sampled.count];
+    let mut heights = vec![[canvas.ceiling; SAMPLES]; sampled.pixel_count()];
     raster::rasterise_samples(object, &projection, canvas, sampled, &mut heights);
     heights
 }

@@ -14,7 +14,7 @@ use crate::base::view::View;
 use crate::mesh::clusters::{ClusterPart, Clusters, MAX_VERTICES};
 use samples::Tiles;
 
-pub use samples::{SAMPLES, SampleLayout, rasterise_samples};
+pub use samples::{SAMPLES, SampleLayout, SampledRun, rasterise_samples};
 
 mod samples;
 
@@ -224,13 +224,14 @@ fn rasterise_triangle<S: Simd>(simd: S, [a, b, c]: [[f32; 3]; 3], canvas: Canvas
     if x0 >= x1 || y0 >= y1 {
         return;
     }
+    let spans = EdgeSpans::new([a, b, c]);
     for y in y0..y1 {
         let py = canvas.pixel_centre(y);
         let (x0, x1) = match x1 - x0 {
             // Eight pixels at once take less time than a few one by one; the pixels outside the triangle do not change.
             3..=8 if x0 + 8 <= canvas.width => (x0, x0 + 8),
             0..=8 => (x0, x1),
-            _ => row_span([a, b, c], py, 0.0, (x0, x1), canvas.margin),
+            _ => spans.columns(py, 0.0, (x0, x1), canvas.margin),
         };
         let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
         let mut x = canvas.pixel_centre(x0);
@@ -272,27 +273,51 @@ fn lower_to_triangle<S: Simd>(simd: S, heights: S::f32s, corners: [[f32; 3]; 3],
     simd.select_f32s(is_lower, height, heights)
 }
 
-/// Returns the columns of a row at height `py` that a triangle can cover within `reach` of their centres; rather a few
-/// too many than one too few.
-#[inline(always)]
-fn row_span([a, b, c]: [[f32; 3]; 3], py: f32, reach: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
-    let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
-    for (p, q) in [(a, b), (b, c), (c, a)] {
-        let (low, high) = (p[1].min(q[1]), p[1].max(q[1]));
-        if py + reach < low || py - reach > high {
-            continue;
-        }
-        for y in [py - reach, py + reach] {
-            let along = ((y - p[1]) / (q[1] - p[1])).clamp(0.0, 1.0);
-            // NaN for a horizontal edge: then both of its ends count.
-            let at = p[0] + along * (q[0] - p[0]);
-            let (from, to) = if along.is_nan() { (p[0], q[0]) } else { (at, at) };
-            min = min.min(from).min(to);
-            max = max.max(from).max(to);
-        }
+/// The edges of a triangle, to find which columns of a row it covers.
+struct EdgeSpans {
+    /// Column and row of each edge's ends, px.
+    from: [[f32; 3]; 3],
+    to: [[f32; 3]; 3],
+    /// One over the rows from end to end.
+    per_row: [f32; 3],
+    /// More than the rounding of a column, px.
+    slack: f32,
+}
+
+impl EdgeSpans {
+    #[inline(always)]
+    fn new([a, b, c]: [[f32; 3]; 3]) -> Self {
+        let per_row = [1.0 / (b[1] - a[1]), 1.0 / (c[1] - b[1]), 1.0 / (a[1] - c[1])];
+        let widest = (b[0] - a[0]).abs() + (c[0] - b[0]).abs();
+        Self { from: [a, b, c], to: [b, c, a], per_row, slack: 1.0 + 1e-6 * widest }
     }
-    let slack = 1.0 + 1e-5 * (min.abs() + max.abs());
-    let (first, end) = centre_range(min - slack, max + slack, x1, margin);
-    let first = first.max(x0);
-    (first, end.max(first))
+
+    /// Returns the columns of a row at height `py` that the triangle can cover within `reach` of their centres; rather a
+    /// few too many than one too few.
+    #[inline(always)]
+    fn columns(&self, py: f32, reach: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
+        let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
+        let mut include = |at: f32| {
+            min = if at < min { at } else { min };
+            max = if at > max { at } else { max };
+        };
+        for edge in 0..3 {
+            let (p, q) = (self.from[edge], self.to[edge]);
+            let (low, high) = if p[1] < q[1] { (p[1], q[1]) } else { (q[1], p[1]) };
+            if py + reach < low || py - reach > high {
+                continue;
+            }
+            for y in [py - reach, py + reach] {
+                let along = ((y - p[1]) * self.per_row[edge]).clamp(0.0, 1.0);
+                // NaN for a horizontal edge: then both of its ends count.
+                let (from, to) = if along.is_nan() { (0.0, 1.0) } else { (along, along) };
+                include(p[0] + from * (q[0] - p[0]));
+                include(p[0] + to * (q[0] - p[0]));
+            }
+        }
+        let slack = self.slack + 1e-5 * (min.abs() + max.abs());
+        let (first, end) = centre_range(min - slack, max + slack, x1, margin);
+        let first = first.max(x0);
+        (first, end.max(first))
+    }
 }

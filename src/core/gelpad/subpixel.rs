@@ -7,11 +7,15 @@
 //! would round off the wall). The weight of the average grows from 0 to 1 while the slope changes by one to two
 //! [`MIN_BEND`] per pixel.
 
+use std::iter::Peekable;
+use std::ops::Range;
+use std::slice::Iter;
+
 use crate::base::grid::{Grid, Rect};
-use crate::base::simd::simd_dispatch;
+use crate::base::simd::{larger, simd_dispatch};
 use crate::base::view::{SURFACE_BORDER, View};
 use crate::depth::indenter::{Indenter, Shape};
-use crate::depth::raster::{SAMPLES, SampleLayout};
+use crate::depth::raster::{SAMPLES, SampleLayout, SampledRun};
 use crate::depth::{self, CaptureWindow, Depth};
 use crate::effects::{Effect, EffectLog, Requirement};
 use crate::gelpad::{Contact, Pad};
@@ -41,6 +45,9 @@ const CLEAR_GAP_MM: f32 = 0.01;
 
 /// Weight of plain interpolation, for points that no pixel joins.
 const PLAIN_WEIGHT: f32 = 1e-3;
+
+/// Columns that are looked at together where most weights are 0.
+const SCANNED_PX: usize = 32;
 
 /// Samples of a surface between pixel centres.
 #[derive(Clone, Debug)]
@@ -147,16 +154,13 @@ pub fn sample_subpixels(scene: &SubpixelInput<'_>, effects: &mut EffectLog) -> O
     let Shape::Mesh(object) = &indenter.shape else { return None };
     runs.then(|| {
         effects.run_timed(Effect::Supersampling, || {
-            let places = weights.sampled_positions();
-            let size = [region.width(), region.height()].map(|px| px + 2 * SURFACE_BORDER);
-            let sampled = SampleLayout::new(&places, size, &SAMPLE_OFFSETS);
+            let sampled = weights.lay_out_samples();
             let pose = &indenter.pose;
-            let there = depth::capture_samples(object, pose, view, region, &sampled, window);
+            let mut heights = depth::capture_samples(object, pose, view, region, &sampled, window);
             let centres = has_texture_or_drop.then(|| depth::capture_part(object, pose, view, region, window));
-            let mut heights = there;
             simd_dispatch(
                 #[inline(always)]
-                || scene.interpolate_surface(region, &places, &mut heights, centres.as_ref()),
+                || scene.interpolate_surface(region, &sampled, &mut heights, centres.as_ref()),
             );
             weights.into_subpixel(&sampled, heights, view)
         })
@@ -182,46 +186,51 @@ impl SampleWeights {
         let per_px = view.mm_per_px.map(|mm| (1.0 / mm) as f32);
         let part = contact.region.grown(1, surface.width, surface.height);
         let part = part.in_window(SURFACE_BORDER, SURFACE_BORDER, width, height);
-        let mut any = vec![false; height];
         let (mut pixels, mut ends) = (Vec::new(), Vec::new());
+        // The columns with a weight.
+        let columns = part.x0.saturating_sub(1)..(part.x1 + 1).min(width);
         simd_dispatch(
             #[inline(always)]
             || {
-                let mut rows = [0; 3].map(|_| vec![0.0_f32; width]);
-                for (y, any) in any.iter_mut().enumerate().take(part.y1).skip(part.y0) {
-                    let row = &mut rows[0][part.x0..part.x1];
-                    measure_bends(surface, part, per_px, y, row);
-                    *any = row.iter().fold(false, |any, bend| any | (*bend > MIN_BEND));
-                }
-                if !any.contains(&true) {
-                    return;
-                }
-                rows[0].fill(0.0);
-                // The largest of three rows, then of three columns of the result.
+                // The bends of a row and its neighbours, each with a column more at either end, and whether one is large.
+                let mut bends = [0; 3].map(|_| vec![0.0_f32; width + 2]);
+                let mut any = [false; 3];
                 let (mut tallest, mut weights) = (vec![0.0_f32; width + 2], vec![0.0_f32; width]);
-                for y in part.y0..part.y1 {
-                    let (before, after) = (y.saturating_sub(1), (y + 1).min(height - 1));
-                    if !(any[before] | any[y] | any[after]) {
+                for next in part.y0..part.y1 + 1 {
+                    let row = &mut bends[next % 3][1 + part.x0..1 + part.x1];
+                    if next < part.y1 {
+                        measure_bends(surface, part, per_px, next, row);
+                        any[next % 3] = row.iter().fold(false, |any, bend| any | (*bend > MIN_BEND));
+                    } else {
+                        row.fill(0.0);
+                        any[next % 3] = false;
+                    }
+                    if next == part.y0 {
+                        continue;
+                    }
+                    if any == [false; 3] {
                         ends.push(pixels.len());
                         continue;
                     }
-                    for (row, y) in rows.iter_mut().zip([before, y, after]) {
-                        match (part.y0..part.y1).contains(&y) {
-                            true => measure_bends(surface, part, per_px, y, &mut row[part.x0..part.x1]),
-                            false => row.fill(0.0),
-                        }
+                    // The largest of three rows, then of three columns of the result.
+                    let [first, second, third] = &bends;
+                    let rows = first.iter().zip(second).zip(third);
+                    for (tallest, ((first, second), third)) in tallest.iter_mut().zip(rows) {
+                        *tallest = larger(larger(*first, *second), *third);
                     }
-                    let [before, here, after] = &rows;
-                    let rows = before.iter().zip(here).zip(after);
-                    for (tallest, ((before, here), after)) in tallest[1..].iter_mut().zip(rows) {
-                        *tallest = before.max(*here).max(*after);
-                    }
-                    for (x, weight) in weights.iter_mut().enumerate() {
-                        let most = tallest[x].max(tallest[x + 1]).max(tallest[x + 2]);
+                    let around = tallest[columns.start..].iter().zip(&tallest[columns.start + 1..]);
+                    let around = around.zip(&tallest[columns.start + 2..]);
+                    for (weight, ((before, here), after)) in weights[columns.clone()].iter_mut().zip(around) {
+                        let most = larger(larger(*before, *here), *after);
                         *weight = ((most - MIN_BEND) / MIN_BEND).clamp(0.0, 1.0);
                     }
-                    let counts = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
-                    pixels.extend(counts.map(|(x, weight)| (x as u32, *weight)));
+                    for from in columns.clone().step_by(SCANNED_PX) {
+                        let weights = &weights[from..columns.end.min(from + SCANNED_PX)];
+                        if weights.iter().fold(0, |bits, weight| bits | weight.to_bits()) != 0 {
+                            let counts = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
+                            pixels.extend(counts.map(|(x, weight)| ((from + x) as u32, *weight)));
+                        }
+                    }
                     ends.push(pixels.len());
                 }
             },
@@ -247,39 +256,78 @@ impl SampleWeights {
         &self.pixels[self.rows[y]..self.rows[y + 1]]
     }
 
-    /// Returns the positions, in the region with its border, that are sampled: the pixels and their neighbours.
-    fn sampled_positions(&self) -> Vec<[u32; 2]> {
+    /// Lays out the samples of the pixels and their neighbours, on the region with its border.
+    fn lay_out_samples(&self) -> SampleLayout {
         // In these coordinates, the neighbours of a pixel reach from its own position to twice the border beyond it.
-        let [width, height] = [self.region.width(), self.region.height()];
-        let (wide, reach) = (width + 2 * SURFACE_BORDER, 2 * SURFACE_BORDER);
-        let mut places = Vec::new();
-        let mut counts = vec![false; wide];
-        for y in 0..height + 2 * SURFACE_BORDER {
-            counts.fill(false);
-            for row in y.saturating_sub(reach)..(y + 1).min(height) {
-                self.row(row).iter().for_each(|(x, _)| counts[*x as usize..][..=reach].fill(true));
+        let reach = 2 * SURFACE_BORDER;
+        let [wide, high] = [self.region.width() + reach, self.region.height() + reach];
+        let mut layout = SampleLayout::new([wide, high], &SAMPLE_OFFSETS);
+        // For each row of pixels that reaches the current one, and for all of them, one bit for each column.
+        let words = wide.div_ceil(64);
+        let mut reached = vec![0_u64; words * (reach + 1)];
+        let mut sampled = vec![0_u64; words];
+        for y in 0..high {
+            let row = &mut reached[y % (reach + 1) * words..][..words];
+            row.fill(0);
+            if y < self.region.height() {
+                for (x, _) in self.row(y) {
+                    let bits = ((1_u128 << (reach + 1)) - 1) << (x % 64);
+                    let word = *x as usize / 64;
+                    row[word] |= bits as u64;
+                    if let Some(next) = row.get_mut(word + 1) {
+                        *next |= (bits >> 64) as u64;
+                    }
+                }
             }
-            let counted = counts.iter().enumerate().filter(|(_, counts)| **counts);
-            places.extend(counted.map(|(x, _)| [x as u32, y as u32]));
+            sampled.fill(0);
+            for row in reached.chunks_exact(words) {
+                sampled.iter_mut().zip(row).for_each(|(sampled, bits)| *sampled |= bits);
+            }
+            layout.push_row(runs_of_ones(&sampled));
         }
-        places
+        layout
     }
 
     /// Combines the weights with the surface's heights at the sampled positions.
     fn into_subpixel(self, sampled: &SampleLayout, heights_mm: Vec<[f32; SAMPLES]>, view: &View) -> Subpixel {
         let mut pixels = Vec::with_capacity(self.pixels.len());
         for y in 0..self.region.height() {
-            let numbers = |x: u32| [0, 1, 2].map(|dy| sampled.pixel_number(x as usize + 1, y + dy));
-            let in_view = |(x, weight): &(u32, f32)| SampledPixel {
-                x: self.region.x0 as u32 + x,
-                weight: *weight,
-                numbers: numbers(*x),
-            };
-            pixels.extend(self.row(y).iter().map(in_view));
+            let mut runs = [0, 1, 2].map(|dy| sampled.row(y + dy).iter().peekable());
+            for (x, weight) in self.row(y) {
+                let number = |runs: &mut Peekable<Iter<'_, SampledRun>>| {
+                    let column = *x as usize + 1;
+                    while runs.next_if(|run| run.columns.end <= column).is_some() {}
+                    runs.peek().map_or(0, |run| (run.first + column - run.columns.start) as u32)
+                };
+                let numbers = [number(&mut runs[0]), number(&mut runs[1]), number(&mut runs[2])];
+                pixels.push(SampledPixel { x: self.region.x0 as u32 + x, weight: *weight, numbers });
+            }
         }
         let slope_per_mm = view.mm_per_px.map(|mm| (0.5 / mm) as f32);
         Subpixel { region: self.region, pixels, rows: self.rows, heights_mm, slope_per_mm }
     }
+}
+
+/// Returns where the ones among bits are, the lowest bit of the first word first.
+fn runs_of_ones(words: &[u64]) -> impl Iterator<Item = Range<usize>> {
+    let end = 64 * words.len();
+    let next = move |from: usize, inverted: u64| {
+        let mut kept = !0_u64 << (from % 64);
+        for (word, bits) in words.iter().enumerate().skip(from / 64) {
+            let left = (bits ^ inverted) & kept;
+            if left != 0 {
+                return 64 * word + left.trailing_zeros() as usize;
+            }
+            kept = !0;
+        }
+        end
+    };
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        let start = next(at, 0);
+        at = next(start, !0);
+        (start < end).then_some(start..at)
+    })
 }
 
 /// Measures by how much the slope changes at the pixels of a row of a part of the view.
@@ -295,30 +343,56 @@ fn measure_bends(surface: &Grid<f32>, part: Rect, per_px: [f32; 2], y: usize, be
     }
 }
 
-/// For each sample, on which side of the pixel its nearest neighbour lies, along the row and down: 0 before, 2 after.
-const COLUMN_SIDES: [usize; SAMPLES] = sample_sides(0);
-const ROW_SIDES: [usize; SAMPLES] = sample_sides(1);
-/// Distance of each sample from the centre, along the row and down, as a share of the distance between pixels.
-const OFFSET_SHARES: [[f32; SAMPLES]; 2] = [offset_shares(0), offset_shares(1)];
+/// For each sample, whether its nearest neighbour lies before the pixel, along the row and down.
+const BEFORE: [[bool; SAMPLES]; 2] = [lies_before(0), lies_before(1)];
+/// Weight of a pixel and of each sample's nearest neighbours along the row, down and across, in linear interpolation.
+const CORNER_WEIGHTS: [[f32; SAMPLES]; 4] = [
+    corner_weights([false, false]),
+    corner_weights([true, false]),
+    corner_weights([false, true]),
+    corner_weights([true; 2]),
+];
 
-const fn sample_sides(k: usize) -> [usize; SAMPLES] {
-    let mut side = [0; SAMPLES];
+const fn lies_before(k: usize) -> [bool; SAMPLES] {
+    let mut before = [false; SAMPLES];
     let mut at = 0;
     while at < SAMPLES {
-        side[at] = if SAMPLE_OFFSETS[at][k] < 0.0 { 0 } else { 2 };
+        before[at] = SAMPLE_OFFSETS[at][k] < 0.0;
         at += 1;
     }
-    side
+    before
 }
 
-const fn offset_shares(k: usize) -> [f32; SAMPLES] {
-    let mut away = [0.0; SAMPLES];
+const fn corner_weights(beside: [bool; 2]) -> [f32; SAMPLES] {
+    let mut weights = [1.0; SAMPLES];
     let mut at = 0;
-    while at < SAMPLES {
-        away[at] = SAMPLE_OFFSETS[at][k].abs() as f32;
+    while at < 2 * SAMPLES {
+        let away = SAMPLE_OFFSETS[at / 2][at % 2].abs() as f32;
+        weights[at / 2] *= if beside[at % 2] { away } else { 1.0 - away };
         at += 1;
     }
-    away
+    weights
+}
+
+/// Returns for each sample one of two numbers: the first if its nearest neighbour lies before the pixel along axis `k`.
+#[inline(always)]
+fn by_side(k: usize, [before, behind]: [f32; 2]) -> [f32; SAMPLES] {
+    let mut values = [behind; SAMPLES];
+    for sample in 0..SAMPLES {
+        values[sample] = if BEFORE[k][sample] { before } else { behind };
+    }
+    values
+}
+
+/// Returns for each sample the values of a pixel and of its nearest neighbours: along the row, down and across.
+#[inline(always)]
+fn values_around([above, here, below]: [[f32; 3]; 3]) -> [[f32; SAMPLES]; 4] {
+    let (across_above, across_below) = (by_side(0, [above[0], above[2]]), by_side(0, [below[0], below[2]]));
+    let mut across = across_below;
+    for sample in 0..SAMPLES {
+        across[sample] = if BEFORE[1][sample] { across_above[sample] } else { across_below[sample] };
+    }
+    [[here[1]; SAMPLES], by_side(0, [here[0], here[2]]), by_side(1, [above[1], below[1]]), across]
 }
 
 impl SubpixelInput<'_> {
@@ -328,7 +402,7 @@ impl SubpixelInput<'_> {
     fn interpolate_surface(
         &self,
         region: Rect,
-        places: &[[u32; 2]],
+        sampled: &SampleLayout,
         heights: &mut [[f32; SAMPLES]],
         centres: Option<&Grid<f32>>,
     ) {
@@ -338,47 +412,69 @@ impl SubpixelInput<'_> {
         let margin = depth.margin_px - SURFACE_BORDER;
         let around = |at: usize, size: usize| [at.saturating_sub(1), at, (at + 1).min(size - 1)];
         let per_step = 1.0 / (STEP_SLOPE * self.view.mm_per_px[0].max(self.view.mm_per_px[1]) as f32);
-        for (place, heights) in places.iter().zip(heights) {
-            let [x, y] = place.map(|at| at as usize);
-            let [columns, rows] = [around(x + region.x0, surface.width), around(y + region.y0, surface.height)];
-            // Heights of the pad's surface and of the object at the pixel and its eight neighbours.
-            let (mut pads, mut objects) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
-            for (row, y) in rows.into_iter().enumerate() {
-                let (pad, object) = (surface.row(y), depth.penetration.row(y + margin));
-                for (column, x) in columns.into_iter().enumerate() {
-                    (pads[row][column], objects[row][column]) = (pad[x], object[x + margin]);
+        for run in sampled.runs() {
+            let [above, here, below] = around(run.y + region.y0, surface.height);
+            let pad_rows = [surface.row(above), surface.row(here), surface.row(below)];
+            let object_row = |y: usize| &depth.penetration.row(y + margin)[margin..];
+            let object_rows = [object_row(above), object_row(here), object_row(below)];
+            for (x, heights) in run.columns.clone().zip(&mut heights[run.numbers()]) {
+                let columns = around(x + region.x0, surface.width);
+                // Heights of the pad's surface and of the object at the pixel and its eight neighbours.
+                let (mut pads, mut objects) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
+                for row in 0..3 {
+                    for column in 0..3 {
+                        pads[row][column] = pad_rows[row][columns[column]];
+                        objects[row][column] = object_rows[row][columns[column]];
+                    }
                 }
-            }
-            // Texture and curvature are taken from the centre.
-            let retouch = centres.map_or(0.0, |centres| objects[1][1] + centres.at(x, y));
-            let penetration = heights.map(|height| retouch - height);
-            let (mut all, mut joined, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES], [0.0; SAMPLES]);
-            for beside in [[false, false], [true, false], [false, true], [true, true]] {
-                let at = |k: usize, side: [usize; SAMPLES], sample: usize| if beside[k] { side[sample] } else { 1 };
-                let (mut w, mut g) = ([0.0; SAMPLES], [0.0; SAMPLES]);
+                // Texture and curvature are taken from the centre.
+                let retouch = centres.map_or(0.0, |centres| objects[1][1] + centres.at(x, run.y));
+                let mut penetration = [0.0; SAMPLES];
                 for sample in 0..SAMPLES {
-                    let (row, column) = (at(1, ROW_SIDES, sample), at(0, COLUMN_SIDES, sample));
-                    (w[sample], g[sample]) = (pads[row][column], objects[row][column]);
+                    penetration[sample] = retouch - heights[sample];
+                }
+                let (pads, objects) = (values_around(pads), values_around(objects));
+                let (mut all, mut joined, mut weights) = ([0.0; SAMPLES], [0.0; SAMPLES], [0.0; SAMPLES]);
+                for corner in 0..4 {
+                    let (w, g) = (&pads[corner], &objects[corner]);
+                    for sample in 0..SAMPLES {
+                        let weight = CORNER_WEIGHTS[corner][sample];
+                        all[sample] += weight * w[sample];
+                        // A pixel counts if it is off the object, or if the object has no step between it and the
+                        // sample.
+                        let off = (w[sample] - g[sample]) * (1.0 / CLEAR_GAP_MM);
+                        let level = 2.0 - (g[sample] - penetration[sample]).abs() * per_step;
+                        let weight = weight * larger(off, level).clamp(0.0, 1.0);
+                        joined[sample] += weight * w[sample];
+                        weights[sample] += weight;
+                    }
                 }
                 for sample in 0..SAMPLES {
-                    let share =
-                        |k: usize| if beside[k] { OFFSET_SHARES[k][sample] } else { 1.0 - OFFSET_SHARES[k][sample] };
-                    let weight = share(0) * share(1);
-                    let (w, g) = (w[sample], g[sample]);
-                    all[sample] += weight * w;
-                    // A pixel counts if it is off the object, or if the object has no step between it and the sample.
-                    let off = (w - g) * (1.0 / CLEAR_GAP_MM);
-                    let level = 2.0 - (g - penetration[sample]).abs() * per_step;
-                    let most = if off > level { off } else { level };
-                    let weight = weight * most.clamp(0.0, 1.0);
-                    joined[sample] += weight * w;
-                    weights[sample] += weight;
+                    let pad = (joined[sample] + PLAIN_WEIGHT * all[sample]) / (weights[sample] + PLAIN_WEIGHT);
+                    heights[sample] = larger(penetration[sample], pad);
                 }
             }
-            for sample in 0..SAMPLES {
-                let pad = (joined[sample] + PLAIN_WEIGHT * all[sample]) / (weights[sample] + PLAIN_WEIGHT);
-                heights[sample] = if penetration[sample] > pad { penetration[sample] } else { pad };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::runs_of_ones;
+
+    proptest! {
+        #[test]
+        fn runs_of_ones_are_the_ones(words in proptest::collection::vec(prop_oneof![any::<u64>(), Just(0), Just(!0)], 0..4)) {
+            let mut ones = vec![0_u64; words.len()];
+            let mut end = None;
+            for run in runs_of_ones(&words) {
+                prop_assert!(run.start < run.end && end.is_none_or(|end| end < run.start), "{run:?} after {end:?}");
+                run.clone().for_each(|at| ones[at / 64] |= 1 << (at % 64));
+                end = Some(run.end);
             }
+            prop_assert_eq!(ones, words);
         }
     }
 }

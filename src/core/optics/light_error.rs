@@ -181,10 +181,15 @@ fn places_around(mask: &Grid<u8>, view: &View) -> Vec<[usize; 2]> {
     let cell_px: [usize; 2] = view.mm_per_px.map(|pixel_mm| ((0.25 * AROUND_MM / pixel_mm) as usize).max(1));
     let count = [mask.width.div_ceil(cell_px[0]), mask.height.div_ceil(cell_px[1])];
     let mut touched: Grid<u8> = Grid::new(count[0], count[1]);
-    for y in 0..mask.height {
-        let cells = touched.row_mut(y / cell_px[1]);
-        for (cell, pixels) in cells.iter_mut().zip(mask.row(y).chunks(cell_px[0])) {
-            *cell |= pixels.iter().fold(0, |all, pixel| all | pixel);
+    // First along y, for all columns at once.
+    let mut columns = vec![0; mask.width];
+    for (y, rows) in mask.data.chunks(cell_px[1] * mask.width).enumerate() {
+        columns.fill(0);
+        for row in rows.chunks_exact(mask.width) {
+            columns.iter_mut().zip(row).for_each(|(column, pixel)| *column |= pixel);
+        }
+        for (cell, columns) in touched.row_mut(y).iter_mut().zip(columns.chunks(cell_px[0])) {
+            *cell = columns.iter().fold(0, |all, column| all | column);
         }
     }
     let reach: [usize; 2] =

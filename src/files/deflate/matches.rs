@@ -12,11 +12,10 @@ impl TokenSource for ZeroRuns<'_> {
 
     #[inline(always)]
     fn emit_tokens(&self, pieces: &mut impl TokenSink) {
-        let eights = |from: usize| self.0[from..].as_chunks::<8>().0.iter();
         let (mut at, mut told) = (0, 0);
         loop {
-            at += 8 * eights(at).take_while(|eight| **eight != [0; 8]).count();
-            let run = 8 * eights(at).take_while(|eight| **eight == [0; 8]).count();
+            at += count_before(&self.0[at..], true);
+            let run = count_before(&self.0[at..], false);
             if run == 0 {
                 break pieces.push_literals(&self.0[told..]);
             }
@@ -27,6 +26,23 @@ impl TokenSource for ZeroRuns<'_> {
             told = at;
         }
     }
+}
+
+/// Counts the bytes before the first eight bytes that are all zeros, or, without `zeros`, that are not; eights count from
+/// the first byte.
+#[inline(always)]
+fn count_before(bytes: &[u8], zeros: bool) -> usize {
+    let ends = |eight: &[u8; 8]| (u64::from_ne_bytes(*eight) == 0) == zeros;
+    let eights = bytes.as_chunks::<8>().0;
+    // Sixteen eights at once, as most of them do not end.
+    let mut before = 0;
+    for sixteen in eights.as_chunks::<16>().0 {
+        if sixteen.iter().fold(false, |any, eight| any | ends(eight)) {
+            break;
+        }
+        before += sixteen.len();
+    }
+    8 * (before + eights[before..].iter().take_while(|eight| !ends(eight)).count())
 }
 
 /// Bits of the hash by which [`MatchFinder`] remembers where bytes were seen last.

@@ -1,12 +1,13 @@
 //! Heights at several points within a pixel, for pixels in which the surface bends.
 
+use std::ops::Range;
+
 use pulp::{Simd, WithSimd};
 
-use crate::base::grid::Grid;
 use crate::base::simd::dispatch_kernel;
 use crate::mesh::clusters::{ClusterPart, Clusters, MAX_VERTICES};
 
-use super::{Canvas, OrthographicProjection, ProjectedVertices, centre_range, lower_to_triangle, row_span};
+use super::{Canvas, EdgeSpans, OrthographicProjection, ProjectedVertices, centre_range, lower_to_triangle};
 
 /// Samples per pixel.
 pub const SAMPLES: usize = 8;
@@ -21,15 +22,16 @@ pub(super) struct Tiles {
 }
 
 impl Tiles {
-    /// Flags the tiles of a canvas that contain one of the pixels.
-    fn of_pixels(pixels: &[[u32; 2]], width: usize, height: usize) -> Self {
+    /// Makes the tiles of a canvas, none of them flagged.
+    fn new(width: usize, height: usize) -> Self {
         let across = width.div_ceil(TILE_PX);
-        let mut wanted = vec![false; across * height.div_ceil(TILE_PX)];
-        for pixel in pixels {
-            let [x, y] = pixel.map(|at| at as usize / TILE_PX);
-            wanted[y * across + x] = true;
-        }
-        Self { across, wanted }
+        Self { across, wanted: vec![false; across * height.div_ceil(TILE_PX)] }
+    }
+
+    /// Flags the tiles that contain columns of a row.
+    fn flag(&mut self, y: usize, columns: &Range<usize>) {
+        let first = y / TILE_PX * self.across;
+        self.wanted[first + columns.start / TILE_PX..=first + (columns.end - 1) / TILE_PX].fill(true);
     }
 
     /// Returns the flags of a row of tiles for a range of pixel columns.
@@ -43,36 +45,33 @@ impl Tiles {
     pub fn any_wanted(&self, columns: (usize, usize), (y0, y1): (usize, usize)) -> bool {
         (y0 / TILE_PX..(y1 - 1) / TILE_PX + 1).any(|row| self.row_tiles(row, columns).contains(&true))
     }
+}
 
-    /// Calls `visit` with the ranges of a row's columns that lie in flagged tiles.
-    #[inline(always)]
-    fn visit_wanted_spans(&self, y: usize, (x0, x1): (usize, usize), mut visit: impl FnMut((usize, usize))) {
-        let first = x0 / TILE_PX;
-        let mut from = None;
-        for (k, wanted) in self.row_tiles(y / TILE_PX, (x0, x1)).iter().enumerate() {
-            let here = ((first + k) * TILE_PX).max(x0);
-            match (from, *wanted) {
-                (None, true) => from = Some(here),
-                (Some(start), false) => {
-                    visit((start, here));
-                    from = None;
-                }
-                _ => {}
-            }
-        }
-        if let Some(start) = from {
-            visit((start, x1));
-        }
+/// Sampled pixels beside each other in a row of a canvas.
+#[derive(Clone, Debug)]
+pub struct SampledRun {
+    /// Row.
+    pub y: usize,
+    /// Columns.
+    pub columns: Range<usize>,
+    /// Number of the first of the pixels; all runs are numbered one after the other.
+    pub first: usize,
+}
+
+impl SampledRun {
+    /// Returns the numbers of the run's pixels.
+    pub fn numbers(&self) -> Range<usize> {
+        self.first..self.first + self.columns.len()
     }
 }
 
 /// Which pixels of a canvas are sampled, and where: at the same points around the centre of each.
 pub struct SampleLayout {
     tiles: Tiles,
-    /// The number of each pixel of the canvas; [`Self::NOT_SAMPLED`] for those that are not sampled.
-    numbers: Grid<u32>,
-    /// Number of sampled pixels.
-    pub count: usize,
+    /// The sampled pixels, row by row.
+    runs: Vec<SampledRun>,
+    /// Index in `runs` where each row begins, and the end of the last one.
+    rows: Vec<usize>,
     /// Columns from the centre to each sample, px.
     across: [f32; SAMPLES],
     /// Rows from the centre to each sample, px.
@@ -82,23 +81,38 @@ pub struct SampleLayout {
 }
 
 impl SampleLayout {
-    const NOT_SAMPLED: u32 = u32::MAX;
-
-    /// Samples these pixels of a canvas, numbered in their order, at `offsets` from their centres, px.
-    pub fn new(pixels: &[[u32; 2]], [width, height]: [usize; 2], offsets: &[[f64; 2]; SAMPLES]) -> Self {
-        let mut numbers = Grid { width, height, data: vec![Self::NOT_SAMPLED; width * height] };
-        for (number, [x, y]) in pixels.iter().enumerate() {
-            numbers.row_mut(*y as usize)[*x as usize] = number as u32;
-        }
+    /// Makes a layout for a canvas, without any rows, with samples at `offsets` from pixels' centres, px.
+    pub fn new([width, height]: [usize; 2], offsets: &[[f64; 2]; SAMPLES]) -> Self {
         let [across, down] = [0, 1].map(|k| offsets.map(|offset| offset[k] as f32));
         let reach = across.iter().chain(&down).fold(0.0_f32, |reach, offset| reach.max(offset.abs()));
-        let tiles = Tiles::of_pixels(pixels, width, height);
-        Self { tiles, numbers, count: pixels.len(), across, down, reach }
+        Self { tiles: Tiles::new(width, height), runs: Vec::new(), rows: vec![0], across, down, reach }
     }
 
-    /// Returns the number of a pixel that is sampled.
-    pub fn pixel_number(&self, x: usize, y: usize) -> u32 {
-        self.numbers.at(x, y)
+    /// Adds the canvas's next row, in which these columns are sampled: ranges from left to right.
+    pub fn push_row(&mut self, columns: impl IntoIterator<Item = Range<usize>>) {
+        let y = self.rows.len() - 1;
+        for columns in columns {
+            self.tiles.flag(y, &columns);
+            let first = self.pixel_count();
+            self.runs.push(SampledRun { y, columns, first });
+        }
+        self.rows.push(self.runs.len());
+    }
+
+    /// Returns the number of sampled pixels.
+    pub fn pixel_count(&self) -> usize {
+        self.runs.last().map_or(0, |run| run.numbers().end)
+    }
+
+    /// Returns the sampled pixels, row by row.
+    pub fn runs(&self) -> &[SampledRun] {
+        &self.runs
+    }
+
+    /// Returns the sampled pixels of a row.
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> &[SampledRun] {
+        &self.runs[self.rows[y]..self.rows[y + 1]]
     }
 }
 
@@ -154,9 +168,10 @@ fn rasterise_triangle_samples<S: Simd>(
     simd: S,
     [a, b, c]: [[f32; 3]; 3],
     canvas: Canvas,
-    SampleLayout { tiles, numbers, across, down, reach, .. }: &SampleLayout,
+    layout: &SampleLayout,
     heights: &mut [[f32; SAMPLES]],
 ) {
+    let SampleLayout { tiles, across, down, reach, .. } = layout;
     let bounds = |k: usize, size: usize| {
         let (low, high) = (a[k].min(b[k]).min(c[k]), a[k].max(b[k]).max(c[k]));
         centre_range(low - reach, high + reach, size, canvas.margin)
@@ -165,32 +180,33 @@ fn rasterise_triangle_samples<S: Simd>(
     if columns.0 >= columns.1 || rows.0 >= rows.1 || !tiles.any_wanted(columns, rows) {
         return;
     }
+    let spans = EdgeSpans::new([a, b, c]);
     for y in rows.0..rows.1 {
+        let runs = layout.row(y);
+        let runs = &runs[runs.partition_point(|run| run.columns.end <= columns.0)..];
+        if runs.first().is_none_or(|run| run.columns.start >= columns.1) {
+            continue;
+        }
         let py = canvas.pixel_centre(y);
         // A span has a spare pixel at each end, which is more than the samples' reach.
         let columns = match columns.1 - columns.0 {
             0..=TILE_PX => columns,
-            _ => row_span([a, b, c], py, *reach, columns, canvas.margin),
+            _ => spans.columns(py, *reach, columns, canvas.margin),
         };
-        if columns.0 >= columns.1 {
-            continue;
-        }
-        tiles.visit_wanted_spans(
-            y,
-            columns,
-            #[inline(always)]
-            |(x0, x1)| {
-                for (x, number) in (x0..x1).zip(&numbers.row(y)[x0..x1]) {
-                    // Pixels without samples have the number `NOT_SAMPLED`, which is out of range.
-                    let Some(values) = heights.get_mut(*number as usize) else { continue };
-                    let (px, row) = (simd.splat_f32s(canvas.pixel_centre(x)), simd.splat_f32s(py));
-                    let places = S::as_simd_f32s(across).0.iter().zip(S::as_simd_f32s(down).0);
-                    for (value, (across, down)) in S::as_mut_simd_f32s(values).0.iter_mut().zip(places) {
-                        let point = [simd.add_f32s(px, *across), simd.add_f32s(row, *down)];
-                        *value = lower_to_triangle(simd, *value, [a, b, c], point);
-                    }
+        for run in runs {
+            let (start, end) = (run.columns.start.max(columns.0), run.columns.end.min(columns.1));
+            if start >= end {
+                continue;
+            }
+            let heights = &mut heights[run.first + (start - run.columns.start)..][..end - start];
+            for (x, values) in (start..end).zip(heights) {
+                let (px, row) = (simd.splat_f32s(canvas.pixel_centre(x)), simd.splat_f32s(py));
+                let places = S::as_simd_f32s(across).0.iter().zip(S::as_simd_f32s(down).0);
+                for (value, (across, down)) in S::as_mut_simd_f32s(values).0.iter_mut().zip(places) {
+                    let point = [simd.add_f32s(px, *across), simd.add_f32s(row, *down)];
+                    *value = lower_to_triangle(simd, *value, [a, b, c], point);
                 }
-            },
-        );
+            }
+        }
     }
 }
