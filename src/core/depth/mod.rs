@@ -5,7 +5,7 @@
 //! triangles that a bounding-volume query finds near the window is 8 to 25 times faster and leaves no holes.
 
 use crate::base::grid::{Grid, Rect, bounding_box};
-use crate::base::simd::{largest_value, simd_dispatch};
+use crate::base::simd::{larger, largest_value, simd_dispatch};
 use crate::base::view::{SURFACE_BORDER, View};
 use crate::effects::{Effect, EffectLog, Requirement};
 use crate::mesh::clusters::Clusters;
@@ -81,6 +81,11 @@ impl Depth {
         );
     }
 
+    /// Returns the largest penetration in the view and its margin, mm; 0 without contact.
+    pub fn largest_penetration_mm(&self) -> f32 {
+        self.penetration.largest_in(self.touching)
+    }
+
     /// Returns how far the object reaches below the undeformed pad, mm, in the view: 0 where it does not.
     pub fn below_pad(&self) -> Grid<f32> {
         let [width, height] = [self.penetration.width, self.penetration.height].map(|px| px - 2 * self.margin_px);
@@ -90,7 +95,7 @@ impl Depth {
             || {
                 for y in 0..height {
                     let row = &self.penetration.row(y + self.margin_px)[self.margin_px..][..width];
-                    data.extend(row.iter().map(|mm| if *mm > 0.0 { *mm } else { 0.0 }));
+                    data.extend(row.iter().map(|mm| larger(*mm, 0.0)));
                 }
             },
         );

@@ -9,12 +9,12 @@ use pulp::{Scalar, Simd, WithSimd};
 
 use super::Placement;
 use crate::base::grid::Grid;
-use crate::base::simd::dispatch_kernel;
+use crate::base::simd::{dispatch_kernel, larger, smaller};
 use crate::base::view::View;
 use crate::mesh::clusters::{ClusterPart, Clusters, MAX_VERTICES};
 use samples::Tiles;
 
-pub use samples::{SAMPLES, SampleLayout, SampledRun, rasterise_samples};
+pub use samples::{SAMPLES, SampleLayout, rasterise_samples};
 
 mod samples;
 
@@ -224,14 +224,14 @@ fn rasterise_triangle<S: Simd>(simd: S, [a, b, c]: [[f32; 3]; 3], canvas: Canvas
     if x0 >= x1 || y0 >= y1 {
         return;
     }
-    let spans = EdgeSpans::new([a, b, c]);
+    let spans = (x1 - x0 > 8).then(|| EdgeSpans::new([a, b, c]));
     for y in y0..y1 {
         let py = canvas.pixel_centre(y);
-        let (x0, x1) = match x1 - x0 {
+        let (x0, x1) = match &spans {
+            Some(spans) => spans.columns(py, 0.0, (x0, x1), canvas.margin),
             // Eight pixels at once take less time than a few one by one; the pixels outside the triangle do not change.
-            3..=8 if x0 + 8 <= canvas.width => (x0, x0 + 8),
-            0..=8 => (x0, x1),
-            _ => spans.columns(py, 0.0, (x0, x1), canvas.margin),
+            None if x1 - x0 > 2 && x0 + 8 <= canvas.width => (x0, x0 + 8),
+            None => (x0, x1),
         };
         let row = &mut heights.data[y * canvas.width..][..canvas.width][x0..x1];
         let mut x = canvas.pixel_centre(x0);
@@ -298,12 +298,12 @@ impl EdgeSpans {
     fn columns(&self, py: f32, reach: f32, (x0, x1): (usize, usize), margin: usize) -> (usize, usize) {
         let (mut min, mut max) = (f32::INFINITY, f32::NEG_INFINITY);
         let mut include = |at: f32| {
-            min = if at < min { at } else { min };
-            max = if at > max { at } else { max };
+            min = smaller(at, min);
+            max = larger(at, max);
         };
         for edge in 0..3 {
             let (p, q) = (self.from[edge], self.to[edge]);
-            let (low, high) = if p[1] < q[1] { (p[1], q[1]) } else { (q[1], p[1]) };
+            let (low, high) = (smaller(p[1], q[1]), larger(p[1], q[1]));
             if py + reach < low || py - reach > high {
                 continue;
             }

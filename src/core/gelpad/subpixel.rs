@@ -7,15 +7,13 @@
 //! would round off the wall). The weight of the average grows from 0 to 1 while the slope changes by one to two
 //! [`MIN_BEND`] per pixel.
 
-use std::iter::Peekable;
 use std::ops::Range;
-use std::slice::Iter;
 
 use crate::base::grid::{Grid, Rect};
 use crate::base::simd::{larger, simd_dispatch};
 use crate::base::view::{SURFACE_BORDER, View};
 use crate::depth::indenter::{Indenter, Shape};
-use crate::depth::raster::{SAMPLES, SampleLayout, SampledRun};
+use crate::depth::raster::{SAMPLES, SampleLayout};
 use crate::depth::{self, CaptureWindow, Depth};
 use crate::effects::{Effect, EffectLog, Requirement};
 use crate::gelpad::{Contact, Pad};
@@ -200,11 +198,10 @@ impl SampleWeights {
                     let row = &mut bends[next % 3][1 + part.x0..1 + part.x1];
                     if next < part.y1 {
                         measure_bends(surface, part, per_px, next, row);
-                        any[next % 3] = row.iter().fold(false, |any, bend| any | (*bend > MIN_BEND));
                     } else {
                         row.fill(0.0);
-                        any[next % 3] = false;
                     }
+                    any[next % 3] = row.iter().fold(false, |any, bend| any | (*bend > MIN_BEND));
                     if next == part.y0 {
                         continue;
                     }
@@ -292,14 +289,16 @@ impl SampleWeights {
     fn into_subpixel(self, sampled: &SampleLayout, heights_mm: Vec<[f32; SAMPLES]>, view: &View) -> Subpixel {
         let mut pixels = Vec::with_capacity(self.pixels.len());
         for y in 0..self.region.height() {
-            let mut runs = [0, 1, 2].map(|dy| sampled.row(y + dy).iter().peekable());
+            // The runs that are not yet behind, of the rows above, here and below.
+            let mut runs = [0, 1, 2].map(|dy| sampled.row(y + dy));
             for (x, weight) in self.row(y) {
-                let number = |runs: &mut Peekable<Iter<'_, SampledRun>>| {
-                    let column = *x as usize + 1;
-                    while runs.next_if(|run| run.columns.end <= column).is_some() {}
-                    runs.peek().map_or(0, |run| (run.first + column - run.columns.start) as u32)
-                };
-                let numbers = [number(&mut runs[0]), number(&mut runs[1]), number(&mut runs[2])];
+                let column = *x as usize + SURFACE_BORDER;
+                let numbers = runs.each_mut().map(|runs| {
+                    while runs[0].columns.end <= column {
+                        *runs = &runs[1..];
+                    }
+                    (runs[0].first + column - runs[0].columns.start) as u32
+                });
                 pixels.push(SampledPixel { x: self.region.x0 as u32 + x, weight: *weight, numbers });
             }
         }
@@ -339,7 +338,7 @@ fn measure_bends(surface: &Grid<f32>, part: Rect, per_px: [f32; 2], y: usize, be
         let twice = 2.0 * here[x];
         let along_x = (left[x] + right[x] - twice).abs() * per_px[0];
         let along_y = (above[x] + below[x] - twice).abs() * per_px[1];
-        *bend = if along_y > along_x { along_y } else { along_x };
+        *bend = larger(along_y, along_x);
     }
 }
 

@@ -180,7 +180,7 @@ fn rasterise_triangle_samples<S: Simd>(
     if columns.0 >= columns.1 || rows.0 >= rows.1 || !tiles.any_wanted(columns, rows) {
         return;
     }
-    let spans = EdgeSpans::new([a, b, c]);
+    let spans = (columns.1 - columns.0 > TILE_PX).then(|| EdgeSpans::new([a, b, c]));
     for y in rows.0..rows.1 {
         let runs = layout.row(y);
         let runs = &runs[runs.partition_point(|run| run.columns.end <= columns.0)..];
@@ -189,10 +189,7 @@ fn rasterise_triangle_samples<S: Simd>(
         }
         let py = canvas.pixel_centre(y);
         // A span has a spare pixel at each end, which is more than the samples' reach.
-        let columns = match columns.1 - columns.0 {
-            0..=TILE_PX => columns,
-            _ => spans.columns(py, *reach, columns, canvas.margin),
-        };
+        let columns = spans.as_ref().map_or(columns, |spans| spans.columns(py, *reach, columns, canvas.margin));
         for run in runs {
             let (start, end) = (run.columns.start.max(columns.0), run.columns.end.min(columns.1));
             if start >= end {

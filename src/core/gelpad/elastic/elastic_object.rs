@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::partial_pixels::DownsampledObject;
+use super::downsampled_object::DownsampledObject;
 use super::resample::Interpolation;
 use super::response::{OperatorBuffers, PressureResponse};
 use super::shear::Friction;

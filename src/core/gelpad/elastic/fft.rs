@@ -98,7 +98,7 @@ impl Fft {
     /// Returns the position of the mirror image of frequency number `k` after [`Fft::forward`].
     #[inline(always)]
     pub fn mirror_index(&self, k: usize) -> usize {
-        // A branch, as a remainder takes as long as an eighth of a butterfly's work.
+        // A branch instead of a remainder, as divisions are slow.
         self.positions[if k == 0 { 0 } else { self.len - k }]
     }
 
@@ -183,18 +183,19 @@ fn transform_block<S: Simd, const FORWARD: bool, const R: usize>(
     let (mut re, mut im) = (split_block::<_, R>(re, part), split_block::<_, R>(im, part));
     // In the last stage all twiddle factors are 1.
     let turned = twiddles.len() > 1;
+    let per_vector = (S::F32_LANES / LANES).max(1);
     for at in 0..part {
         let mut values = [Complex::<S> { re: re[0][at], im: im[0][at] }; R];
         for (value, (re, im)) in values.iter_mut().zip(re.iter().zip(&im)) {
             *value = Complex { re: re[at], im: im[at] };
         }
-        let first = at * S::F32_LANES / LANES;
+        let turns = &twiddles[at * S::F32_LANES / LANES..][..per_vector];
         if turned && !FORWARD {
-            apply_twiddles(simd, &mut values, &twiddles[first..][..(S::F32_LANES / LANES).max(1)]);
+            apply_twiddles(simd, &mut values, turns);
         }
         values = butterfly::<S, R>(simd, values);
         if turned && FORWARD {
-            apply_twiddles(simd, &mut values, &twiddles[first..][..(S::F32_LANES / LANES).max(1)]);
+            apply_twiddles(simd, &mut values, turns);
         }
         for (value, (re, im)) in values.iter().zip(re.iter_mut().zip(&mut im)) {
             re[at] = value.re;
@@ -217,11 +218,11 @@ fn split_block<T, const R: usize>(mut block: &mut [T], part: usize) -> [&mut [T]
 /// vectors that hold two, those of the second.
 #[inline(always)]
 fn apply_twiddles<S: Simd, const R: usize>(simd: S, values: &mut [Complex<S>; R], twiddles: &[[[f32; 2]; 4]]) {
-    let (here, next) = (&twiddles[0], twiddles.get(1).filter(|_| S::F32_LANES > LANES));
-    let upper = simd.less_than_f32s(simd.splat_f32s(LANES as f32 - 0.5), first_lanes::<S>());
+    let upper = simd.less_than_f32s(simd.splat_f32s(LANES as f32 - 0.5), lane_numbers::<S>());
     for (k, value) in values[1..].iter_mut().enumerate() {
-        let mut turn = Complex::<S> { re: simd.splat_f32s(here[k][0]), im: simd.splat_f32s(here[k][1]) };
-        if let Some(next) = next {
+        let [cos, sin] = twiddles[0][k];
+        let mut turn = Complex::<S> { re: simd.splat_f32s(cos), im: simd.splat_f32s(sin) };
+        if let [_, next] = twiddles {
             turn.re = simd.select_f32s(upper, simd.splat_f32s(next[k][0]), turn.re);
             turn.im = simd.select_f32s(upper, simd.splat_f32s(next[k][1]), turn.im);
         }
@@ -231,7 +232,7 @@ fn apply_twiddles<S: Simd, const R: usize>(simd: S, values: &mut [Complex<S>; R]
 
 /// Returns the numbers of a vector's lanes.
 #[inline(always)]
-fn first_lanes<S: Simd>() -> S::f32s {
+fn lane_numbers<S: Simd>() -> S::f32s {
     const NUMBERS: [f32; 16] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
     S::as_simd_f32s(&NUMBERS).0[0]
 }

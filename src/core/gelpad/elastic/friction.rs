@@ -10,9 +10,9 @@
 //! contact needs, and no finer than the pad's own. On the pad's grid, the press is then a frictionless one into a pad
 //! that is already displaced ([`FrictionDisplacement`]).
 
+use super::downsampled_object::DownsampledObject;
 use super::lattice::Lattice;
 use super::model_error::{ContactEdge, force_over_linear};
-use super::partial_pixels::DownsampledObject;
 use super::placed::{GridPlacement, PlacedDisplacement};
 use super::shear::Friction;
 use super::traction_grid::{ContactPoint, TractionGrid, Vector};
@@ -98,7 +98,7 @@ impl ElasticPad {
             let coupling = self.layer.coupling_compliance(q);
             coupling * coupling / (self.layer.normal_compliance(q) * self.layer.tangential_compliance(q))
         };
-        let deepest = depth.penetration.largest_in(depth.touching);
+        let deepest = depth.largest_penetration_mm();
         (0..=STEPS).map(share).fold(0.0, f64::max) * f64::from(deepest)
     }
 

@@ -22,6 +22,7 @@ use crate::gelpad::material::Material;
 
 pub mod convolve;
 mod coulomb;
+mod downsampled_object;
 mod edge;
 pub mod elastic_object;
 pub mod fft;
@@ -48,13 +49,14 @@ mod traction_grid;
 pub mod vector_convolve;
 mod wall_marks;
 
+use downsampled_object::DownsampledObject;
 use in_plane::Load;
 use kernel::CorrectionCurve;
 use lattice::Lattice;
 use layer::ElasticLayer;
 use model_error::{ContactEdge, model_error_mm};
 use outside_window::OutsideGrids;
-use partial_pixels::{DownsampledObject, PartialPixel};
+use partial_pixels::PartialPixel;
 use placed::GridPlacement;
 use resample::Interpolation;
 use response::{OperatorBuffers, PressureResponse};
@@ -334,7 +336,7 @@ impl ElasticPad {
         prior.add_to(&mut solution.displacement, self.grid_placement(depth, lattice), lattice, [x0, y0], 1.0);
         if prior.strain.is_some() && prior.outside.is_none() {
             // Beside walls the difference between rubber and the layer is less exact than this bound.
-            let deepest_mm = depth.penetration.largest_in(depth.touching);
+            let deepest_mm = depth.largest_penetration_mm();
             solution.displacement.data.iter_mut().for_each(|w| *w = w.min(deepest_mm));
         }
         solution.converged &= prior.friction.is_none_or(|drag| drag.converged);

@@ -4,21 +4,16 @@ use std::f32::consts::PI;
 use std::ops::Range;
 
 use super::lattice::Lattice;
-use super::partial_pixels::PartialPixel;
+use super::partial_pixels::{EDGE_COMPLIANCE, PartialPixel, SQUARE_COMPLIANCE};
 use super::wall_marks::WallMarks;
 use crate::base::grid::Grid;
 use crate::base::simd::{larger, smaller};
 use crate::depth::Depth;
 
-/// Compliance of an edge, in pixel sizes times 2 / E'.
-const EDGE_COMPLIANCE: f32 = 0.911;
-
 /// Distance by which the edge of evenly pressed pixels acts inside of where it is, pixel sizes.
 const EDGE_SHORTFALL: f32 = 0.18;
 
-/// Displacement of a pixel's centre under its own pressure, in pixel sizes times 2 / E': for a square pixel, and for
-/// one that is endless in one direction.
-const SQUARE_COMPLIANCE: f32 = 0.561;
+/// Like [`SQUARE_COMPLIANCE`], for a pixel that is endless in one direction.
 const STRIP_COMPLIANCE: f32 = 0.539;
 
 /// Displacement of the next pixel's centre as a share of the own, on a half-space.
@@ -48,10 +43,11 @@ const MOST_PX: usize = 5;
 const AROUND_PX: usize = 3;
 
 /// Pixels along a side of a patch.
-const SIDE: usize = MOST_PX + 2 * AROUND_PX + 1;
+const SIDE: usize = MOST_PX + 2 * AROUND_PX;
 
 /// What all of the solver's pixels on an object have in common.
 pub struct WallScale {
+    /// Which of the camera's pixels each of the solver's consists of.
     pub lattice: Lattice,
     /// Drop from one of the camera's pixels to the next above which there is a wall, along x and y.
     pub step_mm: [f32; 2],
@@ -74,7 +70,7 @@ impl WallScale {
             lattice,
             step_mm: mm_per_px.map(|mm| WALL_SLOPE * mm as f32),
             unit: own / SQUARE_COMPLIANCE,
-            deepest_mm: depth.penetration.largest_in(depth.touching),
+            deepest_mm: depth.largest_penetration_mm(),
             sharing: (0.5 * beside / (NEIGHBOUR_SHARE * own)).clamp(0.0, 1.0),
         }
     }
@@ -83,13 +79,6 @@ impl WallScale {
     pub fn least_step_mm(&self) -> f32 {
         self.step_mm[0].min(self.step_mm[1])
     }
-}
-
-/// Estimates the pressure of a compliant pixel as a share of the next pixel's, farther from the wall: roughly that at the
-/// edge of a punch. `own` is the displacement of a stiff pixel under its own pressure.
-pub fn edge_pressure_share(compliance: f32, own: f32) -> f32 {
-    let c = 1.0 / (1.0 + compliance * SQUARE_COMPLIANCE / (EDGE_COMPLIANCE * own));
-    0.9 * c * (1.0 + c)
 }
 
 /// What lies between two of the camera's pixels.

@@ -167,7 +167,7 @@ impl ElasticPad {
         let close = self.contact_gap_mm().min(MAX_GAP_SHARE * depth.deepest_mm).max(f32::MIN_POSITIVE);
         let through = self.tolerance_mm();
         // Nor does the cubic reach deeper than the object.
-        let deepest = depth.penetration.largest_in(depth.touching);
+        let deepest = depth.largest_penetration_mm();
         let columns = seen.x0 + visible.x0..seen.x0 + visible.x1;
         let rows = Rect { y0: seen.y0 + visible.y0, y1: seen.y0 + visible.y1, ..area };
         let mut pressure = Grid::<f32>::new(area.width(), area.height());

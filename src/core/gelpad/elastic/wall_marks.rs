@@ -1,13 +1,13 @@
 //! Marks where an object may drop by a wall between two of the camera's pixels.
 //!
 //! This is a quick test of many pairs of pixels at once, before the exact one of
-//! [`PixelBlocks::wall_between`](super::partial_pixels): that is above 0 for marked pairs alone. Most pixels at the border of
+//! [`Step::between`](super::pixel_block::Step::between): that is above 0 for marked pairs alone. Most pixels at the border of
 //! a contact, where the object merely ends its touch, have no mark.
 
 use std::ops::Range;
 
 use crate::base::grid::Grid;
-use crate::base::simd::simd_dispatch;
+use crate::base::simd::{larger, simd_dispatch};
 
 /// Pixels that the test reads before a pair's first pixel, and from it on.
 const BEFORE: usize = 2;
@@ -74,17 +74,16 @@ fn mark_pairs(
     marks: &mut [u32],
     step_mm: f32,
 ) {
-    let pressed = |mm: f32| if mm > 0.0 { mm } else { 0.0 };
     simd_dispatch(
         #[inline(always)]
         move || {
             let pairs = here.iter().zip(next).zip(before.iter().zip(earlier)).zip(beyond.iter().zip(farther));
             for (mark, (((here, next), (before, earlier)), (beyond, farther))) in marks.iter_mut().zip(pairs) {
-                let (here, next) = (pressed(*here), pressed(*next));
+                let (here, next) = (larger(*here, 0.0), larger(*next, 0.0));
                 let falls = here > next;
                 let (upper, lower) = if falls { (here, next) } else { (next, here) };
-                let inner = pressed(if falls { *before } else { *beyond });
-                let innermost = pressed(if falls { *earlier } else { *farther });
+                let inner = larger(if falls { *before } else { *beyond }, 0.0);
+                let innermost = larger(if falls { *earlier } else { *farther }, 0.0);
                 // The object if it went on by its slope and curvature.
                 let ahead = 3.0 * (upper - inner) + innermost;
                 let ahead = if ahead < upper { ahead } else { upper };

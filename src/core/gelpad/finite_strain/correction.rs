@@ -151,7 +151,7 @@ impl ElasticPad {
     /// undeformed pad. The contact is smaller than that, and gentler at its edge.
     fn expected_error_mm(&self, depth: &Depth, edge: Option<ContactEdge>) -> f64 {
         let Some(edge) = edge else { return 0.0 };
-        let deepest_mm = f64::from(depth.penetration.largest(|mm| mm));
+        let deepest_mm = f64::from(depth.largest_penetration_mm());
         let known = model_error_mm(deepest_mm, self.layer().thickness_mm, edge, self.friction());
         known.unwrap_or(f64::INFINITY)
     }
@@ -227,7 +227,7 @@ impl ElasticPad {
                 last_spacing_mm = spacing_mm;
             }
             let solver = solver.get_or_insert_with(|| self.prepare_box(depth.touching, spacing_mm, effort));
-            let most_mm = MOST_OPENED * f64::from(depth.penetration.largest(|mm| mm));
+            let most_mm = MOST_OPENED * f64::from(depth.largest_penetration_mm());
             let opened_mm = (opening * self.layer().thickness_mm).min(most_mm);
             match self.try_opened(depth, solver, opened_mm, (&settings, effort)) {
                 Try::Solved(found) => {
