@@ -91,7 +91,7 @@ impl Grid<f32> {
     }
 
     /// Returns the largest value in a part of the grid, 0 if none is above 0.
-    pub fn largest_in(&self, part: Rect) -> f32 {
+    pub(crate) fn largest_in(&self, part: Rect) -> f32 {
         simd_dispatch(
             #[inline(always)]
             || {

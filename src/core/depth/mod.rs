@@ -82,7 +82,7 @@ impl Depth {
     }
 
     /// Returns the largest penetration in the view and its margin, mm; 0 without contact.
-    pub fn largest_penetration_mm(&self) -> f32 {
+    pub(crate) fn largest_penetration_mm(&self) -> f32 {
         self.penetration.largest_in(self.touching)
     }
 
