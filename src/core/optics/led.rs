@@ -1,6 +1,7 @@
 //! One LED, and its light from infinity. What it sends from its distance is in [`super::near_light`].
 
 use super::light_pattern::{LightColor, LightPattern};
+use super::phong::{Phong, WithPower, run_with_power};
 use super::shadow::ShadowCaster;
 use crate::base::angle::sin_cos_deg;
 use serde::{Deserialize, Serialize};
@@ -155,18 +156,27 @@ impl PlacedLed {
     }
 
     /// Computes the light of the LED, at intensity 1, along a row of normals, and writes it to `gain`.
+    pub fn reflect(&self, phong: &Phong, normals: &Normals, gain: &mut [f32]) {
+        run_with_power(phong.shininess, DistantReflection { led: self, phong, normals, gain });
+    }
+}
+
+/// The work of [`PlacedLed::reflect`].
+struct DistantReflection<'a> {
+    led: &'a PlacedLed,
+    phong: &'a Phong,
+    normals: &'a Normals,
+    gain: &'a mut [f32],
+}
+
+impl WithPower for DistantReflection<'_> {
     #[inline(always)]
-    pub(crate) fn reflect(
-        &self,
-        normals: &Normals,
-        diffuse: f32,
-        specular: f32,
-        power: impl Fn(f32) -> f32 + Copy,
-        gain: &mut [f32],
-    ) {
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) {
+        let Self { led: PlacedLed { to_led, .. }, phong, normals, gain } = self;
+        let (diffuse, specular) = (phong.diffuse as f32, phong.specular as f32);
         let width = gain.len();
         let (nx, ny, nz) = (&normals.x[..width], &normals.y[..width], &normals.z[..width]);
-        let to_led = self.to_led;
+        let to_led = *to_led;
         for x in 0..width {
             gain[x] = phong_reflection(reflection_cosines(to_led, [nx[x], ny[x], nz[x]]), diffuse, specular, power);
         }

@@ -15,7 +15,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::led::{Normals, PlacedLed};
 use crate::base::grid::Resolution;
 use crate::base::simd::simd_dispatch;
 
@@ -93,51 +92,37 @@ impl Default for SoftShadows {
     }
 }
 
-/// Work with a power function that is chosen once, outside the loop over pixels.
+/// A loop along a row of pixels that raises numbers to a power.
 pub(super) trait WithPower {
-    type Output;
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Self::Output;
+    /// Runs the loop.
+    fn run(self, power: impl Fn(f32) -> f32 + Copy);
 }
 
-/// Runs `task` with x -> x^exponent for x >= 0. Small whole exponents are products; others go through `libm`.
-pub(super) fn run_with_power<T: WithPower>(exponent: f64, task: T) -> T::Output {
+/// Runs a loop with x -> x^exponent for x >= 0. Small whole exponents are products; others go through `libm`. The loop is
+/// all that is compiled for each kind of exponent, so it should hold nothing else.
+pub(super) fn run_with_power(exponent: f64, task: impl WithPower) {
     if exponent == 5.0 {
-        task.run(
+        dispatch_with_power(
+            task,
             #[inline(always)]
             |x| (x * x) * (x * x) * x,
         )
     } else if exponent == exponent.trunc() && (0.0..=64.0).contains(&exponent) {
         let exponent = exponent as u32;
-        task.run(
+        dispatch_with_power(
+            task,
             #[inline(always)]
             move |x| (0..exponent).fold(1.0, |product, _| product * x),
         )
     } else {
         let exponent = exponent as f32;
-        task.run(move |x| libm::powf(x, exponent))
+        dispatch_with_power(task, move |x| libm::powf(x, exponent))
     }
 }
 
-/// Computes the light of an LED of intensity 1 along a row of normals, and writes it to `gain`.
-pub fn reflect_row(phong: &Phong, led: &PlacedLed, normals: &Normals, gain: &mut [f32]) {
-    run_with_power(phong.shininess, ReflectionTask { phong, led, normals, gain });
-}
-
-struct ReflectionTask<'a> {
-    phong: &'a Phong,
-    led: &'a PlacedLed,
-    normals: &'a Normals,
-    gain: &'a mut [f32],
-}
-
-impl WithPower for ReflectionTask<'_> {
-    type Output = ();
-
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) {
-        let Self { phong: Phong { diffuse, specular, .. }, led, normals, gain } = self;
-        simd_dispatch(
-            #[inline(always)]
-            || led.reflect(normals, *diffuse as f32, *specular as f32, power, gain),
-        );
-    }
+fn dispatch_with_power(task: impl WithPower, power: impl Fn(f32) -> f32 + Copy) {
+    simd_dispatch(
+        #[inline(always)]
+        || task.run(power),
+    );
 }

@@ -10,7 +10,7 @@ use super::Illumination;
 use super::background::{BackgroundImage, RenderedBackground};
 use super::heat::Heat;
 use super::led::Led;
-use super::phong::{Equation, Phong, Shadows, run_with_power};
+use super::phong::{Equation, Phong, Shadows};
 use super::shadow::ShadowCaster;
 use crate::base::angle::sin_cos_deg;
 use crate::base::gel::{GelShape, Site};
@@ -168,7 +168,7 @@ impl SkinShader {
 
     /// Computes the light of the LEDs: red, green and blue of each pixel.
     fn compute_reflection(&self, pressed: &PressedSkin<'_>) -> [Vec<f32>; 3] {
-        run_with_power(self.phong.shininess, SkinReflectionTask { skin: self, pressed })
+        SkinReflectionTask { skin: self, pressed }.run()
     }
 
     /// Computes the light of the untouched skin over its picture.

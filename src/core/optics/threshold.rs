@@ -282,8 +282,7 @@ mod tests {
             for led in 0..lights.leds.len() {
                 let mut gain = vec![0.0; 17];
                 field.fill_row(led, y, 0, &mut line, &mut row, 17);
-                let power = |x: f32| libm::powf(x, phong.shininess as f32);
-                row.reflect(&normals, phong.diffuse as f32, phong.specular as f32, power, &mut gain);
+                row.reflect(phong, &normals, &mut gain);
                 all.extend(gain);
             }
         }

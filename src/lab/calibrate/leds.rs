@@ -12,7 +12,7 @@ use crate::metrics::statistics::median;
 use gelsim_core::base::rng::random_stream;
 use gelsim_core::optics::calibrated::extrapolation::CalibrationExtrapolation;
 use gelsim_core::optics::led::{Led, Normals, PlacedLed};
-use gelsim_core::optics::phong::{Phong, reflect_row};
+use gelsim_core::optics::phong::Phong;
 
 /// Number of LEDs that are fitted: one for each colour.
 const LED_COUNT: usize = 3;
@@ -259,7 +259,7 @@ fn sample_normals(pixels: &PixelSamples, sample: &[usize]) -> Normals {
 fn led_changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec<f64> {
     let led = PlacedLed::new(&Led { azimuth_deg, elevation_deg, ..Led::default() });
     let mut gain = vec![0.0; normals.x.len()];
-    reflect_row(&Phong::default(), &led, normals, &mut gain);
+    led.reflect(&Phong::default(), normals, &mut gain);
     let flat = gain.last().copied().unwrap_or_default();
     gain.into_iter().map(|gain| f64::from(gain) - f64::from(flat)).collect()
 }

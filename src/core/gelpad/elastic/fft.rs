@@ -7,9 +7,9 @@
 
 use std::f64::consts::TAU;
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
-use crate::base::simd::Vectors;
+use crate::base::simd::{Vectors, call_kernel};
 
 /// Number of signals that are transformed together.
 pub const LANES: usize = 8;
@@ -148,24 +148,36 @@ impl FftStage {
     /// Runs over all blocks. Twiddle factors are applied after the butterfly if forward, otherwise before it.
     #[inline(always)]
     fn run<S: Simd, W: Simd, const FORWARD: bool>(&self, vectors: Vectors<S, W>, re: &mut [f32], im: &mut [f32]) {
+        let kernel = StageKernel::<FORWARD> { stage: self, re, im };
         // Sixteen numbers are two neighbouring butterflies of the eight signals.
         if self.rest.is_multiple_of(2) {
-            self.run_with::<W, FORWARD>(vectors.widest, re, im);
+            call_kernel(vectors.widest, kernel);
         } else {
-            self.run_with::<S, FORWARD>(vectors.eight, re, im);
+            call_kernel(vectors.eight, kernel);
         }
     }
+}
+
+/// A kernel for [`FftStage::run`] with any vector width.
+struct StageKernel<'a, const FORWARD: bool> {
+    stage: &'a FftStage,
+    re: &'a mut [f32],
+    im: &'a mut [f32],
+}
+
+impl<const FORWARD: bool> WithSimd for StageKernel<'_, FORWARD> {
+    type Output = ();
 
     #[inline(always)]
-    fn run_with<S: Simd, const FORWARD: bool>(&self, simd: S, re: &mut [f32], im: &mut [f32]) {
-        let size = self.block_len() / S::F32_LANES;
-        let (re, im) = (S::as_mut_simd_f32s(re).0, S::as_mut_simd_f32s(im).0);
+    fn with_simd<S: Simd>(self, simd: S) {
+        let size = self.stage.block_len() / S::F32_LANES;
+        let (re, im) = (S::as_mut_simd_f32s(self.re).0, S::as_mut_simd_f32s(self.im).0);
         for (re, im) in re.chunks_exact_mut(size).zip(im.chunks_exact_mut(size)) {
-            match self.radix {
-                2 => transform_block::<S, FORWARD, 2>(simd, re, im, &self.twiddles),
-                3 => transform_block::<S, FORWARD, 3>(simd, re, im, &self.twiddles),
-                4 => transform_block::<S, FORWARD, 4>(simd, re, im, &self.twiddles),
-                _ => transform_block::<S, FORWARD, 5>(simd, re, im, &self.twiddles),
+            match self.stage.radix {
+                2 => transform_block::<S, FORWARD, 2>(simd, re, im, &self.stage.twiddles),
+                3 => transform_block::<S, FORWARD, 3>(simd, re, im, &self.stage.twiddles),
+                4 => transform_block::<S, FORWARD, 4>(simd, re, im, &self.stage.twiddles),
+                _ => transform_block::<S, FORWARD, 5>(simd, re, im, &self.stage.twiddles),
             }
         }
     }

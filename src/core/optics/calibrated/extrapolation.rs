@@ -18,7 +18,7 @@ use crate::gelpad::Contact;
 use crate::optics::background::BackgroundImage;
 use crate::optics::coarse::CoarseValues;
 use crate::optics::led::{Led, Normals, PlacedLed};
-use crate::optics::phong::{Phong, reflect_row};
+use crate::optics::phong::Phong;
 
 /// Largest number of LEDs that a table may have.
 const MAX_LEDS: usize = 64;
@@ -335,8 +335,8 @@ impl PreparedExtrapolation {
         gain.resize(run.len(), 0.0);
         edge_gain.resize(run.len(), 0.0);
         for (led, sky) in self.leds.iter().zip(&*sky) {
-            reflect_row(&Phong::default(), &led.placed, here, gain);
-            reflect_row(&Phong::default(), &led.placed, edge, edge_gain);
+            led.placed.reflect(&Phong::default(), here, gain);
+            led.placed.reflect(&Phong::default(), edge, edge_gain);
             for (gain, edge) in gain.iter_mut().zip(&*edge_gain) {
                 *gain -= edge;
             }

@@ -14,7 +14,6 @@ use crate::optics::led::Normals;
 use crate::optics::light_pattern::place_along;
 use crate::optics::near_light::field::{LightField, LightVectors};
 use crate::optics::normals::fill_row_normals;
-use crate::optics::phong::{WithPower, run_with_power};
 use crate::optics::residual::{self, Planes};
 
 /// A surface to shade, and how.
@@ -43,13 +42,43 @@ pub(super) struct ShadedSurface<'a> {
 pub(super) fn shade_region(shader: &LedShader, lit: &ShadedSurface<'_>, rest: &BackgroundImage, region: Rect) -> Light {
     let planes = std::array::from_fn(|_| Vec::with_capacity(region.area()));
     let mut light = Light { region, planes };
-    run_with_power(shader.phong.shininess, ShadingTask { shader, lit, rest, light: &mut light });
+    let columns = (region.x0..region.x1).map(|x| place_along(shader.view.resolution_px[0], x)).collect();
+    let mut rows = RowScratch { columns, ..RowScratch::default() };
+    simd_dispatch(
+        #[inline(always)]
+        || {
+            for row in 0..region.height() {
+                shade_row(shader, lit, rest, &mut light, row, &mut rows);
+            }
+        },
+    );
     light
 }
 
 /// Computes the light of each LED on a surface at rest.
 pub(super) fn compute_rest_reflection(shader: &LedShader, shape: &Grid<f32>, is_flat: bool) -> Vec<RestReflection> {
-    run_with_power(shader.phong.shininess, RestReflectionTask { shader, shape, is_flat })
+    let [width, height] = shader.view.resolution_px;
+    let mut normals = Normals::default();
+    let field = shader.field_at_rest(shape);
+    let is_uniform = is_flat && field.is_none();
+    let mut led_row = LedRow::default();
+    let mut all: Vec<RestReflection> = Vec::new();
+    for number in 0..shader.lights.count() {
+        let mut map = if is_uniform { Grid::new(1, 1) } else { Grid::new(width, height) };
+        for y in 0..map.height {
+            let part = Rect { x0: 0, y0: y, x1: map.width, y1: y + 1 };
+            simd_dispatch(
+                #[inline(always)]
+                || {
+                    fill_row_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
+                    led_row.fill(field.as_ref(), number, y, 0, part.width());
+                },
+            );
+            led_row.reflect(shader, number, &normals, map.row_mut(y));
+        }
+        all.push(if is_uniform { RestReflection::Uniform(map.at(0, 0)) } else { RestReflection::Map(map) });
+    }
+    all
 }
 
 /// Computes the light of the residual on a surface at rest, for each channel and pixel of the view; `None` if there is
@@ -72,70 +101,6 @@ pub(super) fn compute_rest_residual(shader: &LedShader, shape: &Grid<f32>) -> Op
         );
     }
     Some(planes)
-}
-
-/// The work of [`compute_rest_reflection`].
-struct RestReflectionTask<'a> {
-    shader: &'a LedShader,
-    shape: &'a Grid<f32>,
-    is_flat: bool,
-}
-
-impl WithPower for RestReflectionTask<'_> {
-    type Output = Vec<RestReflection>;
-
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> Vec<RestReflection> {
-        let Self { shader, shape, is_flat } = self;
-        let [width, height] = shader.view.resolution_px;
-        let mut normals = Normals::default();
-        let field = shader.field_at_rest(shape);
-        let is_uniform = is_flat && field.is_none();
-        let mut led_row = LedRow::default();
-        let mut all: Vec<RestReflection> = Vec::new();
-        for number in 0..shader.lights.count() {
-            let mut map = if is_uniform { Grid::new(1, 1) } else { Grid::new(width, height) };
-            for y in 0..map.height {
-                let part = Rect { x0: 0, y0: y, x1: map.width, y1: y + 1 };
-                simd_dispatch(
-                    #[inline(always)]
-                    || {
-                        fill_row_normals(shader.view.mm_per_px, shape, part, 0, &mut normals);
-                        led_row.fill(field.as_ref(), number, y, 0, part.width());
-                        led_row.reflect(shader, number, &normals, power, map.row_mut(y));
-                    },
-                );
-            }
-            all.push(if is_uniform { RestReflection::Uniform(map.at(0, 0)) } else { RestReflection::Map(map) });
-        }
-        all
-    }
-}
-
-/// The work of [`shade_region`].
-struct ShadingTask<'a> {
-    shader: &'a LedShader,
-    lit: &'a ShadedSurface<'a>,
-    rest: &'a BackgroundImage,
-    light: &'a mut Light,
-}
-
-impl WithPower for ShadingTask<'_> {
-    type Output = ();
-
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) {
-        let Self { shader, lit, rest, light } = self;
-        let Rect { x0, x1, .. } = light.region;
-        let columns = (x0..x1).map(|x| place_along(shader.view.resolution_px[0], x)).collect();
-        let mut rows = RowScratch { columns, ..RowScratch::default() };
-        simd_dispatch(
-            #[inline(always)]
-            || {
-                for row in 0..light.region.height() {
-                    shade_row(shader, lit, rest, light, row, &mut rows, power);
-                }
-            },
-        );
-    }
 }
 
 /// Scratch memory for a row.
@@ -174,19 +139,10 @@ impl LedRow {
     }
 
     /// Computes the light of LED number `led`, at intensity 1, along a row of normals, and writes it to `gain`.
-    #[inline(always)]
-    fn reflect(
-        &self,
-        shader: &LedShader,
-        led: usize,
-        normals: &Normals,
-        power: impl Fn(f32) -> f32 + Copy,
-        gain: &mut [f32],
-    ) {
-        let (diffuse, specular) = (shader.phong.diffuse as f32, shader.phong.specular as f32);
+    fn reflect(&self, shader: &LedShader, led: usize, normals: &Normals, gain: &mut [f32]) {
         match &shader.lights {
-            Lights::Distant(leds) => leds[led].reflect(normals, diffuse, specular, power, gain),
-            Lights::Near(_) => self.vectors.reflect(normals, diffuse, specular, power, gain),
+            Lights::Distant(leds) => leds[led].reflect(&shader.phong, normals, gain),
+            Lights::Near(_) => self.vectors.reflect(&shader.phong, normals, gain),
         }
     }
 }
@@ -272,7 +228,6 @@ fn shade_row(
     light: &mut Light,
     row: usize,
     rows: &mut RowScratch,
-    power: impl Fn(f32) -> f32 + Copy,
 ) {
     let region = light.region;
     let (y, width) = (region.y0 + row, region.width());
@@ -305,7 +260,7 @@ fn shade_row(
     for number in 0..shader.lights.count() {
         let color = shader.lights.color(number);
         led_row.fill(lit.field, number, y, region.x0, width);
-        led_row.reflect(shader, number, normals, power, gain);
+        led_row.reflect(shader, number, normals, gain);
         if !pixels.is_empty() {
             let SubpixelScratch { normals, led: sample_row, gain: samples, .. } = &mut *subpixel;
             samples.resize(pixels.len() * SAMPLES, 0.0);
@@ -314,7 +269,7 @@ fn shade_row(
                 let columns = pixels.iter().map(|pixel| pixel.x as usize - region.x0);
                 sample_row.vectors.repeat_from(&led_row.vectors, columns, SAMPLES);
             }
-            sample_row.reflect(shader, number, normals, power, samples);
+            sample_row.reflect(shader, number, normals, samples);
             average_samples(gain, samples, pixels, region.x0);
         }
         if let Some(Some(visible)) = lit.visible_shares.get(number) {

@@ -2,6 +2,7 @@
 
 use crate::optics::coarse::CoarseValues;
 use crate::optics::led::Normals;
+use crate::optics::phong::{Phong, WithPower, run_with_power};
 
 /// Values of three components or channels on a part of the grid, row-major.
 pub(crate) type LightPlanes = [Vec<f32>; 3];
@@ -48,17 +49,26 @@ impl LightVectors {
     }
 
     /// Computes diffuse and specular light towards the camera from a row of normals, and writes it to `gain`.
+    pub fn reflect(&self, phong: &Phong, normals: &Normals, gain: &mut [f32]) {
+        run_with_power(phong.shininess, NearReflection { light: self, phong, normals, gain });
+    }
+}
+
+/// The work of [`LightVectors::reflect`].
+struct NearReflection<'a> {
+    light: &'a LightVectors,
+    phong: &'a Phong,
+    normals: &'a Normals,
+    gain: &'a mut [f32],
+}
+
+impl WithPower for NearReflection<'_> {
     #[inline(always)]
-    pub fn reflect(
-        &self,
-        normals: &Normals,
-        diffuse: f32,
-        specular: f32,
-        power: impl Fn(f32) -> f32 + Copy,
-        gain: &mut [f32],
-    ) {
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) {
+        let Self { light, phong, normals, gain } = self;
+        let (diffuse, specular) = (phong.diffuse as f32, phong.specular as f32);
         let width = gain.len();
-        let [lx, ly, lz] = self.planes.each_ref().map(|plane| &plane[..width]);
+        let [lx, ly, lz] = light.planes.each_ref().map(|plane| &plane[..width]);
         let (nx, ny, nz) = (&normals.x[..width], &normals.y[..width], &normals.z[..width]);
         if specular == 0.0 {
             for x in 0..width {

@@ -3,7 +3,7 @@
 use super::{BentSkin, PressedSkin, SkinShader};
 use crate::base::simd::simd_dispatch;
 use crate::optics::led::phong_reflection;
-use crate::optics::phong::{Phong, WithPower};
+use crate::optics::phong::{Phong, WithPower, run_with_power};
 
 /// Samples within a pixel.
 pub const LANES: usize = 8;
@@ -19,10 +19,9 @@ pub struct SkinReflectionTask<'a> {
     pub pressed: &'a PressedSkin<'a>,
 }
 
-impl WithPower for SkinReflectionTask<'_> {
-    type Output = [Vec<f32>; 3];
-
-    fn run(self, power: impl Fn(f32) -> f32 + Copy) -> [Vec<f32>; 3] {
+impl SkinReflectionTask<'_> {
+    /// Computes the light.
+    pub fn run(self) -> [Vec<f32>; 3] {
         let region = self.pressed.region;
         let mut sums = [(); 3].map(|()| vec![0.0; region.area()]);
         simd_dispatch(
@@ -31,34 +30,25 @@ impl WithPower for SkinReflectionTask<'_> {
                 let mut reflected = vec![0.0; region.width()];
                 for row in 0..region.height() {
                     for number in 0..self.skin.led_light.len() {
-                        self.add_row(number, row, power, &mut reflected, &mut sums);
+                        self.add_row(number, row, &mut reflected, &mut sums);
                     }
                 }
-                self.average_bent_pixels(power, &mut sums);
+                self.average_bent_pixels(&mut sums);
                 sums
             },
         )
     }
-}
 
-impl SkinReflectionTask<'_> {
     /// Adds the light of an LED along a row of the part.
     #[inline(always)]
-    fn add_row(
-        &self,
-        number: usize,
-        row: usize,
-        power: impl Fn(f32) -> f32 + Copy,
-        reflected: &mut [f32],
-        sums: &mut [Vec<f32>; 3],
-    ) {
+    fn add_row(&self, number: usize, row: usize, reflected: &mut [f32], sums: &mut [Vec<f32>; 3]) {
         let Self { skin, pressed: PressedSkin { region, normals, visible_shares, .. } } = self;
         let led = &skin.led_light[number];
         let (width, first) = (region.width(), skin.pixel_index(*region, row));
         let normals = normals.map(|plane| &plane[row * width..][..width]);
         let towards = led.directions.each_ref().map(|plane| &plane[first..][..width]);
         let to_camera = skin.to_camera.each_ref().map(|plane| &plane[first..][..width]);
-        reflect_phong([normals, towards, to_camera], &skin.phong, power, reflected);
+        reflect_phong([normals, towards, to_camera], &skin.phong, reflected);
         let strength = &led.strength[first..][..width];
         match visible_shares.get(number).and_then(Option::as_ref) {
             None => reflected.iter_mut().zip(strength).for_each(|(reflected, strength)| *reflected *= strength),
@@ -78,7 +68,7 @@ impl SkinReflectionTask<'_> {
 
     /// Moves pixels within which the skin bends towards the mean light over them, by the weight of each.
     #[inline(always)]
-    fn average_bent_pixels(&self, power: impl Fn(f32) -> f32 + Copy, sums: &mut [Vec<f32>; 3]) {
+    fn average_bent_pixels(&self, sums: &mut [Vec<f32>; 3]) {
         let Self { skin, pressed: PressedSkin { region, visible_shares, bent, .. } } = self;
         let width = region.width().max(1);
         // Values at the samples within each pixel, and the light of the LED there.
@@ -101,7 +91,7 @@ impl SkinReflectionTask<'_> {
                 let count = pixels.len();
                 let planes = [&normals, &towards, &to_camera];
                 let planes = planes.map(|planes| planes.each_ref().map(|plane| plane[..count].as_flattened()));
-                reflect_phong(planes, &skin.phong, power, reflected[..count].as_flattened_mut());
+                reflect_phong(planes, &skin.phong, reflected[..count].as_flattened_mut());
                 let visible_share = visible_shares.get(number).and_then(Option::as_ref);
                 for ((pixel, [a, b, c, d, e, f, g, h]), means) in pixels.iter().zip(&reflected).zip(&mut means) {
                     let mean = (((a + b) + (c + d)) + ((e + f) + (g + h))) * (1.0 / LANES as f32);
@@ -120,24 +110,35 @@ impl SkinReflectionTask<'_> {
 }
 
 /// Computes Phong's reflection towards the camera along normals, of light from the directions `towards`.
-#[inline(always)]
-fn reflect_phong(
-    [normals, towards, to_camera]: [[&[f32]; 3]; 3],
-    phong: &Phong,
-    power: impl Fn(f32) -> f32 + Copy,
-    reflected: &mut [f32],
-) {
-    let count = reflected.len();
-    let [[nx, ny, nz], [lx, ly, lz], [vx, vy, vz]] =
-        [normals, towards, to_camera].map(|planes| planes.map(|plane| &plane[..count]));
-    let (diffuse, specular) = (phong.diffuse as f32, phong.specular as f32);
-    for x in 0..count {
-        let (n, l, v) = ([nx[x], ny[x], nz[x]], [lx[x], ly[x], lz[x]], [vx[x], vy[x], vz[x]]);
-        let along = dot(n, l);
-        // R.V with R = 2 (N.l) N - l; what is lit from behind has no highlight.
-        let mirrored = 2.0 * along * dot(n, v) - dot(l, v);
-        let mirrored = if along > 0.0 { mirrored } else { 0.0 };
-        reflected[x] = phong_reflection([along, mirrored], diffuse, specular, power);
+fn reflect_phong([normals, towards, to_camera]: [[&[f32]; 3]; 3], phong: &Phong, reflected: &mut [f32]) {
+    run_with_power(phong.shininess, SkinReflection { normals, towards, to_camera, phong, reflected });
+}
+
+/// The work of [`reflect_phong`].
+struct SkinReflection<'a> {
+    normals: [&'a [f32]; 3],
+    towards: [&'a [f32]; 3],
+    to_camera: [&'a [f32]; 3],
+    phong: &'a Phong,
+    reflected: &'a mut [f32],
+}
+
+impl WithPower for SkinReflection<'_> {
+    #[inline(always)]
+    fn run(self, power: impl Fn(f32) -> f32 + Copy) {
+        let Self { normals, towards, to_camera, phong, reflected } = self;
+        let count = reflected.len();
+        let [[nx, ny, nz], [lx, ly, lz], [vx, vy, vz]] =
+            [normals, towards, to_camera].map(|planes| planes.map(|plane| &plane[..count]));
+        let (diffuse, specular) = (phong.diffuse as f32, phong.specular as f32);
+        for x in 0..count {
+            let (n, l, v) = ([nx[x], ny[x], nz[x]], [lx[x], ly[x], lz[x]], [vx[x], vy[x], vz[x]]);
+            let along = dot(n, l);
+            // R.V with R = 2 (N.l) N - l; what is lit from behind has no highlight.
+            let mirrored = 2.0 * along * dot(n, v) - dot(l, v);
+            let mirrored = if along > 0.0 { mirrored } else { 0.0 };
+            reflected[x] = phong_reflection([along, mirrored], diffuse, specular, power);
+        }
     }
 }
 
