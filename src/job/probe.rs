@@ -8,10 +8,11 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
-use crate::inspection::sides::{compute_thin_fraction, is_lowest_in_view};
+use crate::inspection::sides::{is_lowest_in_view, measure_thin_fraction};
 use crate::inspection::{SensorPad, findings, sides};
 use crate::plan::Plan;
 use crate::scene::{PressSource, Scene, note_crowded_scenes};
+use gelsim_core::depth::thinness::count_scattered_pixels;
 use gelsim_core::depth::{CaptureWindow, capture_indenter};
 use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::{Diagnostic, Diagnostics, Report};
@@ -124,39 +125,15 @@ fn probe_touch(plan: &Plan, index: u64) -> Option<SampleTouch> {
     pad.press_mm = indenter.depth_mm();
     let window = CaptureWindow { margin_px: 0, above_mm: 0.0 };
     let depth = capture_indenter(&indenter, plan.simulator.view(), window, pad.thickness_mm);
-    let (count, scattered) = count_scattered_pixels(&depth.penetration.data, depth.penetration.width);
+    let (count, scattered) = count_scattered_pixels(&depth.penetration);
     found.touches = count > 0;
     let clusters = indenter.shape().clusters()?;
     if count == 0 {
         found.slips = is_lowest_in_view(clusters, indenter.pose(), &pad);
     } else if scattered as f64 > SCATTERED_SHARE * count as f64 {
-        found.thin = compute_thin_fraction(&sides::capture_finely(clusters, indenter.pose(), 0.0, &pad), &pad);
+        found.thin = measure_thin_fraction(&sides::capture_finely(clusters, indenter.pose(), 0.0, &pad), &pad);
     }
     Some(found)
-}
-
-/// Counts the pixels that touch, and those of them that are in no square of four touching ones.
-fn count_scattered_pixels(penetration: &[f32], width: usize) -> (usize, usize) {
-    let touches = |x: usize, y: usize| penetration.get(y * width + x).is_some_and(|mm| *mm > 0.0);
-    let height = penetration.len() / width.max(1);
-    let (mut count, mut alone) = (0, 0);
-    for y in 0..height {
-        for x in 0..width {
-            if !touches(x, y) {
-                continue;
-            }
-            count += 1;
-            let square = |left: usize, top: usize| {
-                left + 1 < width && (0..2).all(|j| (0..2).all(|i| touches(left + i, top + j)))
-            };
-            let corners = [x.checked_sub(1), Some(x)].into_iter().flatten();
-            let in_square = corners
-                .into_iter()
-                .any(|left| [y.checked_sub(1), Some(y)].into_iter().flatten().any(|top| square(left, top)));
-            alone += usize::from(!in_square);
-        }
-    }
-    (count, alone)
 }
 
 /// How many of some samples touch the pad.
@@ -317,16 +294,6 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn what_stands_alone_is_told_from_what_is_part_of_a_square() {
-        let row = |text: &str| text.chars().map(|c| if c == '#' { 1.0 } else { -1.0 }).collect::<Vec<f32>>();
-        let of = |rows: [&str; 3]| count_scattered_pixels(&rows.map(row).concat(), 5);
-        assert_eq!(of(["#.#.#", ".....", "#...#"]), (5, 5));
-        assert_eq!(of(["##...", "##...", "....#"]), (5, 1));
-        assert_eq!(of([".....", "#####", "....."]), (5, 5));
-        assert_eq!(of(["#####", "#####", "#####"]), (15, 0));
-    }
 
     #[test]
     fn samples_are_visited_once_each_and_the_first_are_far_apart() {

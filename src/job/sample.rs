@@ -112,14 +112,7 @@ impl Sample {
     /// Returns, for each pixel of the image, the number of the object that the pad touches, counted from 1 in the
     /// label's order; 0 if it touches none.
     pub fn instance_map(&self) -> Vec<u8> {
-        let mask = &self.impression.contact.mask;
-        let touches = |(at, mask): (usize, &u8)| match &self.numbered {
-            _ if *mask == 0 => 0,
-            Some(numbered) => numbered.data[at],
-            None => 1,
-        };
-        let data = mask.data.iter().enumerate().map(touches).collect();
-        self.impression.in_image(&Grid { data, ..*mask }).data
+        self.impression.instance_map(self.numbered.as_ref())
     }
 }
 

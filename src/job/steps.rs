@@ -5,7 +5,6 @@
 //! to the deepest surface, that [`crate::health`] accepts. Values beyond become the first or last step. Values that are
 //! not finite become 0, which no finite surface becomes; the label of such a sample says that it is not healthy.
 
-use image::DynamicImage;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -57,33 +56,13 @@ impl Steps {
     /// Encodes values in mm, row by row. The largest error is half a step.
     pub fn encode(&self, scale: StepScale, width: usize, height: usize, plane_mm: &[f32]) -> Vec<u8> {
         let (mm_per_step, zero) = self.step_and_zero(scale);
-        let lowest = i32::from(zero > 0.0);
-        let step = |mm: f32| match mm.is_finite() {
-            // Round to the nearest step. The cast truncates towards 0, but what is below the lowest step is clamped
-            // anyway.
-            true => ((f64::from(mm) / mm_per_step + zero + 0.5) as i32).clamp(lowest, i32::from(u16::MAX)) as u16,
-            false => 0,
-        };
-        let values: Vec<u16> = plane_mm.iter().map(|mm| step(*mm)).collect();
-        png::encode_grey16(width, height, &values)
+        png::encode_steps(width, height, plane_mm, mm_per_step, zero)
     }
 
     /// Decodes what [`Steps::encode`] encoded, in mm.
     pub fn decode(&self, scale: StepScale, bytes: &[u8]) -> Result<Grid<f32>, String> {
         let (mm_per_step, zero) = self.step_and_zero(scale);
-        let values = decode_grey16(bytes)?;
-        let mm = |value: &u16| ((f64::from(*value) - zero) * mm_per_step) as f32;
-        Ok(Grid { width: values.width, height: values.height, data: values.data.iter().map(mm).collect() })
-    }
-}
-
-/// Decodes the values of a 16-bit grey PNG.
-pub fn decode_grey16(bytes: &[u8]) -> Result<Grid<u16>, String> {
-    match png::decode(bytes)? {
-        DynamicImage::ImageLuma16(grey) => {
-            Ok(Grid { width: grey.width() as usize, height: grey.height() as usize, data: grey.into_raw() })
-        }
-        _ => Err(String::from("not a grey image of 16 bits")),
+        png::decode_steps(bytes, mm_per_step, zero)
     }
 }
 
@@ -115,7 +94,7 @@ mod tests {
     fn what_is_beyond_becomes_the_last_step_and_what_is_no_number_becomes_0() {
         let steps = Steps::new(&BOTH, DepthFormat::Png16, 3.0);
         let plane = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -4.0, -3.003, 0.0, 3.003, 4.0, f32::MAX, f32::MIN];
-        let stored = |scale| decode_grey16(&steps.encode(scale, plane.len(), 1, &plane)).expect("a PNG").data;
+        let stored = |scale| png::decode_grey16(&steps.encode(scale, plane.len(), 1, &plane)).expect("a PNG").data;
         assert_eq!(stored(StepScale::Surface), [0, 0, 0, 1, 1, 32_768, 65_535, 65_535, 65_535, 1]);
         assert_eq!(stored(StepScale::Depth), [0, 0, 0, 0, 0, 0, 65_535, 65_535, 65_535, 0]);
     }
@@ -133,7 +112,7 @@ mod tests {
 
     #[test]
     fn another_kind_of_picture_is_refused() {
-        assert!(decode_grey16(&png::encode_grey(1, 1, &[7])).is_err());
-        assert!(decode_grey16(b"").is_err());
+        assert!(png::decode_grey16(&png::encode_grey(1, 1, &[7])).is_err());
+        assert!(png::decode_grey16(b"").is_err());
     }
 }

@@ -48,7 +48,7 @@ use gelsim_job::layers::{DepthFormat, LayerCoding, OutputLayer, StepScale};
 use gelsim_job::layout::Layout;
 use gelsim_job::plan::Plan;
 use gelsim_job::plan::frames::FrameSettings;
-use gelsim_job::steps::{self, Steps};
+use gelsim_job::steps::Steps;
 use gelsim_lab::presses::{self as press_file, Circle};
 use gelsim_lab::preview::{LayerSelection, Tile, draw_tile_sheet};
 
@@ -249,10 +249,10 @@ pub fn exr(bytes: &[u8]) {
 pub fn png(bytes: &[u8]) {
     heights_of(bytes);
     let small = png_file::read_header(bytes).is_ok_and(|([width, height], _)| width * height <= 1 << 20);
-    if small && let Ok(read) = steps::decode_grey16(bytes) {
+    if small && let Ok(read) = png_file::decode_grey16(bytes) {
         let steps = Steps::new(&[OutputLayer::Surface], DepthFormat::Png16, 3.0);
         let plane_mm = steps.decode(StepScale::Surface, bytes).expect("it was just read").data;
-        let again = steps::decode_grey16(&steps.encode(StepScale::Surface, read.width, read.height, &plane_mm))
+        let again = png_file::decode_grey16(&steps.encode(StepScale::Surface, read.width, read.height, &plane_mm))
             .expect("written");
         // 0 stands for what is not finite, which does not come back.
         assert!(read.data.iter().zip(&again.data).all(|(a, b)| a.max(&1) == b));

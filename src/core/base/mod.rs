@@ -11,6 +11,7 @@ pub mod gel_surface;
 pub mod grain;
 pub mod grid;
 pub mod light;
+pub mod mask_extent;
 pub mod rng;
 pub mod simd;
 pub mod site;

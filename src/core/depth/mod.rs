@@ -26,6 +26,7 @@ pub mod relief;
 pub mod rest_surface;
 pub mod seen_surface;
 pub mod texture;
+pub mod thinness;
 
 use height_map::HeightMap;
 use indenter::{Indenter, Shape};

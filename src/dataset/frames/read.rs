@@ -10,7 +10,6 @@ use gelsim_core::base::grid::Grid;
 use gelsim_files::input;
 use gelsim_files::npz::Npz;
 use gelsim_files::{exr, foreign, npy, png, size_limits};
-use gelsim_job::steps;
 
 /// File extensions of frames that can be read.
 pub const FRAME_EXTENSIONS: [&str; 4] = ["npy", "npz", "exr", "png"];
@@ -108,7 +107,7 @@ fn decode_exr_depth(bytes: &[u8]) -> Result<Grid<f64>, String> {
 fn decode_grey_depth(bytes: &[u8]) -> Result<Grid<f64>, String> {
     let (size, pixel) = png::read_header(bytes)?;
     size_limits::check_image_bytes(size, pixel.bytes_per_pixel() as usize + 8, bytes.len())?;
-    let Grid { width, height, data } = steps::decode_grey16(bytes)?;
+    let Grid { width, height, data } = png::decode_grey16(bytes)?;
     Ok(Grid { width, height, data: data.into_iter().map(f64::from).collect() })
 }
 

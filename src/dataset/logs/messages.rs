@@ -7,7 +7,6 @@ use crate::frames::camera::DepthUnit;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::view::check_image_size;
 use gelsim_files::{png, size_limits};
-use gelsim_job::steps;
 
 /// A type of message that is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -144,7 +143,7 @@ fn decode_compressed(fields: &mut Fields<'_>) -> Result<(Grid<f64>, DepthUnit), 
     let (size, pixel) = png::read_header(image)?;
     size_limits::check_image_bytes(size, pixel.bytes_per_pixel() as usize + 8, image.len())?;
     check_image_size(size)?;
-    let steps = steps::decode_grey16(image)?;
+    let steps = png::decode_grey16(image)?;
     let float =
         |at: usize| head.get(at..).and_then(<[u8]>::first_chunk).map_or(0.0, |bytes| f32::from_le_bytes(*bytes));
     let (scale, shift) = (float(4), float(8));

@@ -22,7 +22,6 @@ use gelsim_job::gripper::FINGER_NAMES;
 use gelsim_job::label::{Label, sample_key};
 use gelsim_job::layers::{LayerCoding, LayerForm, OutputLayer, StepScale};
 use gelsim_job::layout::{Shard, Split};
-use gelsim_job::steps;
 use gelsim_job::steps::Steps;
 
 /// Most errors that are named for one shard; the rest are counted.
@@ -214,7 +213,7 @@ fn check_floats(
 /// not finite.
 fn check_steps(scale: StepScale, bytes: &[u8], size: [usize; 2]) -> Result<(), String> {
     check_png(bytes, size, image::ColorType::L16)?;
-    let none = steps::decode_grey16(bytes)?.data.iter().position(|value| scale.zero_key().is_some() && *value == 0);
+    let none = png::decode_grey16(bytes)?.data.iter().position(|value| scale.zero_key().is_some() && *value == 0);
     match none {
         Some(at) => Err(format!("is not finite in column {}, row {}", at % size[0], at / size[0])),
         None => Ok(()),

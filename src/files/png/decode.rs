@@ -29,6 +29,23 @@ pub fn read_header(bytes: &[u8]) -> Result<([usize; 2], ColorType), String> {
     Ok(([width as usize, height as usize], decoder.color_type()))
 }
 
+/// Decodes the values of a 16-bit grey PNG.
+pub fn decode_grey16(bytes: &[u8]) -> Result<Grid<u16>, String> {
+    match decode(bytes)? {
+        DynamicImage::ImageLuma16(grey) => {
+            Ok(Grid { width: grey.width() as usize, height: grey.height() as usize, data: grey.into_raw() })
+        }
+        _ => Err(String::from("not a grey image of 16 bits")),
+    }
+}
+
+/// Decodes lengths in mm that [`super::encode_steps`] encoded.
+pub fn decode_steps(bytes: &[u8], mm_per_step: f64, zero: f64) -> Result<Grid<f32>, String> {
+    let values = decode_grey16(bytes)?;
+    let mm = |value: &u16| ((f64::from(*value) - zero) * mm_per_step) as f32;
+    Ok(Grid { width: values.width, height: values.height, data: values.data.iter().map(mm).collect() })
+}
+
 /// Decodes an image with the pixels that it has.
 pub fn decode(bytes: &[u8]) -> Result<DynamicImage, String> {
     DynamicImage::from_decoder(create_decoder(bytes)?).map_err(|error| explain_image_error(&error, "PNG"))

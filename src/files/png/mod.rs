@@ -13,7 +13,7 @@ mod decode;
 mod encode;
 
 #[cfg(feature = "formats")]
-pub use decode::{decode, decode_heights, read_header};
+pub use decode::{decode, decode_grey16, decode_heights, decode_steps, read_header};
 
 /// Encodes row-major 8-bit RGB.
 pub fn encode_rgb(width: usize, height: usize, rgb: &[u8]) -> Vec<u8> {
@@ -29,6 +29,20 @@ pub fn encode_grey(width: usize, height: usize, grey: &[u8]) -> Vec<u8> {
 pub fn encode_grey16(width: usize, height: usize, grey: &[u16]) -> Vec<u8> {
     let bytes: Vec<u8> = grey.iter().flat_map(|value| value.to_be_bytes()).collect();
     encode([width, height], &bytes, ColorType::Grayscale, BitDepth::Sixteen)
+}
+
+/// Encodes row-major lengths in mm as 16-bit grey in whole steps, of which `zero` stands for 0 mm. The largest error is
+/// half a step. Lengths beyond become the first or last step; the first step is 1 if `zero` is above 0. What is not
+/// finite becomes 0.
+pub fn encode_steps(width: usize, height: usize, lengths_mm: &[f32], mm_per_step: f64, zero: f64) -> Vec<u8> {
+    let lowest = i32::from(zero > 0.0);
+    let step = |mm: f32| match mm.is_finite() {
+        // Round to the nearest step. The cast truncates towards 0, but what is below the lowest step is clamped anyway.
+        true => ((f64::from(mm) / mm_per_step + zero + 0.5) as i32).clamp(lowest, i32::from(u16::MAX)) as u16,
+        false => 0,
+    };
+    let values: Vec<u16> = lengths_mm.iter().map(|mm| step(*mm)).collect();
+    encode_grey16(width, height, &values)
 }
 
 /// Encodes an image for people to look at: slowly, and as small as possible.

@@ -17,7 +17,6 @@ use crate::scene::Scene;
 use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::rng;
 use gelsim_core::effects::{Effect, PerEffect};
-use gelsim_core::gelpad::Contact;
 use gelsim_files::sensor::quantity::Quantity;
 
 pub mod balance;
@@ -115,7 +114,7 @@ pub fn render(plan: &Plan, index: u64, attempt: u32) -> Grip {
     let reason = hold.failure.take().or_else(|| explain_imbalance(&hold, forces_n));
     fingers.iter_mut().for_each(|finger| mark_unhealthy(&mut finger.label, reason.as_deref()));
     let moments = fingers.each_ref().map(|finger| {
-        pressure_moment_nmm(&finger.impression.contact, finger.simulator.sensor().gelpad.youngs_modulus_kpa)
+        finger.impression.contact.pressure_moment_nmm(finger.simulator.sensor().gelpad.youngs_modulus_kpa)
     });
     let gripper = pair.describe_grip(&hold, &fingers[0].label.pose, forces_n, moments);
     let label = GripLabel::new(gripper, fingers[0].label.clone(), fingers[1].label.clone());
@@ -158,25 +157,4 @@ fn mark_unhealthy(label: &mut Label, reason: Option<&str>) {
         label.health.healthy = false;
         label.health.reason = reason.to_owned();
     }
-}
-
-/// Computes the first moment of a pad's pressure along its own x and y, N mm. Returns `None` if some of the pressure
-/// lies beyond what was captured.
-fn pressure_moment_nmm(contact: &Contact, modulus_kpa: f64) -> Option<[f64; 2]> {
-    let Some(load) = &contact.load else { return contact.force_n.filter(|force| *force == 0.0).map(|_| [0.0; 2]) };
-    let mut sums = [0.0; 3];
-    for y in 0..load.pressure.height {
-        let at_y = load.origin_mm[1] + y as f64 * load.mm_per_px[1];
-        for (x, pressure) in load.pressure.row(y).iter().enumerate() {
-            let pressure = f64::from(*pressure);
-            sums[0] += pressure * (load.origin_mm[0] + x as f64 * load.mm_per_px[0]);
-            sums[1] += pressure * at_y;
-            sums[2] += pressure;
-        }
-    }
-    // 1 kPa mm^2 is 1 mN.
-    let newtons = 1e-3 * contact.stiffening_factor * modulus_kpa * load.mm_per_px[0] * load.mm_per_px[1];
-    let total = contact.total.total_force_n?;
-    let captured = (newtons * sums[2] - total).abs() <= 1e-3 * total;
-    captured.then(|| [newtons * sums[0], newtons * sums[1]])
 }

@@ -9,9 +9,7 @@ use serde::Serialize;
 
 use super::SensorPad;
 use crate::config::scene::Face;
-use gelsim_core::base::grid::{Grid, Rect};
-use gelsim_core::base::simd::simd_dispatch;
-use gelsim_core::depth::{CaptureWindow, Depth, capture_mesh};
+use gelsim_core::depth::{CaptureWindow, Depth, capture_mesh, thinness};
 use gelsim_core::mesh::cleaning::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Anchor;
@@ -189,7 +187,7 @@ impl SideStats {
     fn new(object: &Clusters, pose: &Pose, above_mm: f64, pad: &SensorPad) -> Self {
         let margin_px = MARGIN_PX;
         let depth = capture_finely(object, pose, above_mm, pad);
-        let mut stats = Self { thin_fraction: compute_thin_fraction(&depth, pad), ..Self::default() };
+        let mut stats = Self { thin_fraction: measure_thin_fraction(&depth, pad), ..Self::default() };
         let [width, height] = pad.resolution_px;
         let nothing = -above_mm as f32;
         let (mut least, mut largest) = (f32::INFINITY, f32::NEG_INFINITY);
@@ -220,97 +218,9 @@ pub fn capture_finely(object: &Clusters, pose: &Pose, above_mm: f64, pad: &Senso
 }
 
 /// Computes the fraction of what touches in view, on the fine grid, that the opening removes; 0 if nothing touches.
-pub fn compute_thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
-    let (width, height, margin) = (depth.penetration.width, depth.penetration.height, depth.margin_px);
-    let part = depth.touching.grown(2 * DISC_RADIUS, width, height);
-    let mut pressed = depth.penetration.crop(part);
-    pressed.data.iter_mut().for_each(|below| *below = below.max(0.0));
-    let least = |a: f32, b: f32| if b < a { b } else { a };
-    let largest = |a: f32, b: f32| if b > a { b } else { a };
-    let opened = filter_over_disc(&filter_over_disc(&pressed, least), largest);
-
-    let view = Rect { x0: margin, y0: margin, x1: width - margin, y1: height - margin };
-    let view = view.in_window(part.x0, part.y0, part.width(), part.height());
-    let blunting = (BLUNTING * pad.press_mm) as f32;
-    let (mut touching, mut thin) = (0_usize, 0_usize);
-    for y in view.y0..view.y1 {
-        let rows = pressed.row(y)[view.x0..view.x1].iter().zip(&opened.row(y)[view.x0..view.x1]);
-        for (before, after) in rows {
-            touching += usize::from(*before > 0.0);
-            thin += usize::from(before - after > blunting);
-        }
-    }
-    thin as f64 / touching.max(1) as f64
+pub fn measure_thin_fraction(depth: &Depth, pad: &SensorPad) -> f64 {
+    thinness::compute_thin_fraction(depth, DISC_RADIUS, (BLUNTING * pad.press_mm) as f32)
 }
 
 /// Radius of the disc in points of the fine grid: it is two pixels wide from centre to centre.
 const DISC_RADIUS: usize = FINE_GRID_FACTOR;
-
-/// Combines every value with those in the disc around it, as far as the disc lies in the image. With a minimum this is
-/// an erosion, with a maximum a dilation.
-fn filter_over_disc(image: &Grid<f32>, take: impl Fn(f32, f32) -> f32) -> Grid<f32> {
-    let mut result = image.clone();
-    let (width, height) = (image.width, image.height);
-    simd_dispatch(
-        #[inline(always)]
-        || {
-            for y in 0..height {
-                for from in y.saturating_sub(DISC_RADIUS)..(y + DISC_RADIUS + 1).min(height) {
-                    let dy = from.abs_diff(y);
-                    let reach = (DISC_RADIUS * DISC_RADIUS - dy * dy).isqrt();
-                    // The disc is symmetric: shift to both sides at once.
-                    for shift in 0..=reach.min(width.saturating_sub(1)) {
-                        let source = image.row(from);
-                        let target = result.row_mut(y);
-                        for (value, other) in target.iter_mut().zip(&source[shift..]) {
-                            *value = take(*value, *other);
-                        }
-                        for (value, other) in target[shift..].iter_mut().zip(source) {
-                            *value = take(*value, *other);
-                        }
-                    }
-                }
-            }
-        },
-    );
-    result
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_opening_keeps_what_the_disc_fits_into_and_takes_off_the_rest() {
-        let mut image = Grid::<f32>::new(60, 40);
-        for y in 0..40 {
-            // Strips as wide as the disc and a point narrower.
-            image.row_mut(y)[10..10 + 2 * DISC_RADIUS + 1].fill(1.0);
-            image.row_mut(y)[30..30 + 2 * DISC_RADIUS].fill(1.0);
-        }
-        let opened = filter_over_disc(&filter_over_disc(&image, f32::min), f32::max);
-        let row = opened.row(20);
-        assert!(row[10..10 + 2 * DISC_RADIUS + 1].iter().all(|value| *value == 1.0), "{row:?}");
-        assert!(row[30..30 + 2 * DISC_RADIUS].iter().all(|value| *value == 0.0), "{row:?}");
-    }
-
-    #[test]
-    fn a_filter_over_the_disc_agrees_with_a_plain_search() {
-        for (width, height) in [(1, 1), (2, 7), (9, 3), (17, 23)] {
-            let mut image = Grid::<f32>::new(width, height);
-            for (at, value) in image.data.iter_mut().enumerate() {
-                *value = ((at * 7919 + 13) % 101) as f32;
-            }
-            let filtered = filter_over_disc(&image, f32::max);
-            for y in 0..height {
-                for x in 0..width {
-                    let inside =
-                        |u: usize, v: usize| u.abs_diff(x).pow(2) + v.abs_diff(y).pow(2) <= DISC_RADIUS * DISC_RADIUS;
-                    let points = (0..width).flat_map(|u| (0..height).map(move |v| (u, v)));
-                    let around = points.filter(|&(u, v)| inside(u, v)).map(|(u, v)| image.at(u, v));
-                    assert_eq!(filtered.at(x, y), around.fold(0.0, f32::max), "{x}, {y} of {width} x {height}");
-                }
-            }
-        }
-    }
-}

@@ -8,10 +8,10 @@ use super::pressed::class_index;
 use super::{ObjectLabel, PoseLabel};
 use crate::plan::Plan;
 use crate::scene::Scene;
-use gelsim_core::base::grid::{Grid, Rect, bounding_box};
-use gelsim_core::base::simd::simd_dispatch;
+use gelsim_core::base::grid::Grid;
+use gelsim_core::base::mask_extent::MaskExtent;
 use gelsim_core::base::view::View;
-use gelsim_core::impression::Impression;
+use gelsim_core::impression::{ContactPart, Impression};
 use gelsim_core::simulator::Simulator;
 
 /// One of the objects that were pressed in together.
@@ -65,24 +65,15 @@ pub(super) struct ContactShare {
     pub area_mm2: f64,
     pub centroid_mm: [f64; 2],
     /// The same part as the image shows it, with lens distortion.
-    pub in_image: PixelExtent,
+    pub in_image: MaskExtent,
     pub bbox_px: [u32; 4],
-}
-
-/// Size and place of marked pixels.
-#[derive(Clone, Copy)]
-pub(super) struct PixelExtent {
-    pub pixels: u64,
-    /// Mean position, px.
-    pub centroid_px: [f64; 2],
-    bbox: Rect,
 }
 
 impl ContactShare {
     /// Measures the pixels of a mask on the pad.
     pub fn from_mask(impression: &Impression, view: &View, mask: &Grid<u8>) -> Self {
         let Impression { lens, gel_map, .. } = impression;
-        let extent = PixelExtent::from_mask(mask);
+        let extent = MaskExtent::from_mask(mask);
         let bbox = match (gel_map, lens) {
             (Some(map), _) => map.box_of(mask),
             (None, Some(lens)) => lens.box_of(mask, extent.bbox),
@@ -90,8 +81,8 @@ impl ContactShare {
         };
         // Without a warp, the pad's pixels are those of the image.
         let warped = (gel_map.is_some() || lens.is_some()) && extent.pixels > 0;
-        let in_image = if warped { PixelExtent::from_mask(&impression.in_image(mask)) } else { extent };
-        let centroid_mm = extent.centroid_mm(view);
+        let in_image = if warped { MaskExtent::from_mask(&impression.in_image(mask)) } else { extent };
+        let centroid_mm = if extent.pixels == 0 { [0.0; 2] } else { view.point_mm(extent.centroid_px) };
         Self {
             pixels: extent.pixels,
             area_mm2: extent.pixels as f64 * view.mm_per_px[0] * view.mm_per_px[1],
@@ -156,55 +147,13 @@ pub(super) fn describe_objects(
 
 /// Computes each object's share of a contact.
 fn compute_shares(impression: &Impression, view: &View, numbered: &Grid<u8>, objects: usize) -> Vec<ShareLabel> {
-    let contact = &impression.contact;
-    let (mut deepest_mm, mut pressed) = (vec![0.0_f32; objects], vec![0.0_f64; objects]);
-    for y in 0..numbered.height {
-        for (x, number) in numbered.row(y).iter().enumerate().filter(|(_, number)| **number > 0) {
-            let of = usize::from(*number) - 1;
-            deepest_mm[of] = deepest_mm[of].max(impression.penetration_mm(x, y));
-            pressed[of] += contact.pressure.as_ref().map_or(0.0, |pressure| f64::from(pressure.at(x, y)));
-        }
-    }
+    let parts = impression.divide_contact(numbered, objects);
     // The force is divided in proportion to the pressure on each object's pixels.
-    let all: f64 = pressed.iter().sum();
-    let share = |of: usize| {
-        let touches = |(number, mask): (&u8, &u8)| if usize::from(*number) == of + 1 { *mask } else { 0 };
-        let data = numbered.data.iter().zip(&contact.mask.data).map(touches).collect();
-        let own = ContactShare::from_mask(impression, view, &Grid { data, ..*numbered });
-        let force_n = contact.force_n.map(|force| if all > 0.0 { force * (pressed[of] / all) } else { 0.0 });
-        own.to_label(deepest_mm[of].into(), force_n)
+    let all: f64 = parts.iter().map(|part| part.pressure_kpa).sum();
+    let share = |part: &ContactPart| {
+        let own = ContactShare::from_mask(impression, view, &part.mask);
+        let of_force = |force| if all > 0.0 { force * (part.pressure_kpa / all) } else { 0.0 };
+        own.to_label(part.deepest_mm.into(), impression.contact.force_n.map(of_force))
     };
-    (0..objects).map(share).collect()
-}
-
-impl PixelExtent {
-    /// Measures the marked pixels of a mask.
-    fn from_mask(mask: &Grid<u8>) -> Self {
-        let bbox = bounding_box(mask, |value| value > 0);
-        let (mut pixels, mut sum_x, mut sum_y) = (0_u64, 0_u64, 0_u64);
-        simd_dispatch(
-            #[inline(always)]
-            || {
-                for y in bbox.y0..bbox.y1 {
-                    // The sums of a row fit 32 bits, of which a vector holds eight.
-                    let (mut in_row, mut columns) = (0_u32, 0_u32);
-                    for (x, value) in mask.row(y)[bbox.x0..bbox.x1].iter().enumerate() {
-                        let touches = u32::from(*value > 0);
-                        in_row += touches;
-                        columns += touches * x as u32;
-                    }
-                    pixels += u64::from(in_row);
-                    sum_x += u64::from(columns) + u64::from(in_row) * bbox.x0 as u64;
-                    sum_y += u64::from(in_row) * y as u64;
-                }
-            },
-        );
-        let centre = |sum: u64| if pixels == 0 { 0.0 } else { sum as f64 / pixels as f64 + 0.5 };
-        Self { pixels, centroid_px: [centre(sum_x), centre(sum_y)], bbox }
-    }
-
-    /// Returns the middle, mm from the middle of the view; 0 without contact.
-    fn centroid_mm(&self, view: &View) -> [f64; 2] {
-        if self.pixels == 0 { [0.0; 2] } else { view.point_mm(self.centroid_px) }
-    }
+    parts.iter().map(share).collect()
 }

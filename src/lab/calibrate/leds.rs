@@ -5,11 +5,13 @@
 //! strengths a and quadratic in s, so that both follow from sums over the pixels. The directions are searched for.
 
 use nalgebra::{SMatrix, SVector};
+use pulp::Simd;
 
 use super::Session;
 use super::pixels::{PixelSamples, SATURATED};
 use crate::metrics::statistics::median;
 use gelsim_core::base::rng::random_stream;
+use gelsim_core::base::simd::{TwoWidthKernel, Vectors, dispatch_two_widths};
 use gelsim_core::optics::calibrated::extrapolation::CalibrationExtrapolation;
 use gelsim_core::optics::led::{Led, Normals, PlacedLed};
 use gelsim_core::optics::phong::Phong;
@@ -153,7 +155,8 @@ pub fn fit_leds<'a>(pixels: impl IntoIterator<Item = &'a PixelSamples>) -> Optio
         levels[levels.len() / 50]
     });
     let normals = sample_normals(&all, &sample);
-    let sums = |directions: &Directions| channel_sums(&all, &sample, &normals, directions);
+    let samples = ChannelSamples::from_pixels(&all, &sample);
+    let sums = |directions: &Directions| channel_sums(&samples, &normals, directions);
     let error = |directions: &Directions| fit_strengths(&sums(directions), darkest).0;
     // The search finds local minima: it starts from three LEDs evenly spaced, at four turns.
     let starts = [0.0, 30.0, 60.0, 90.0].map(|turn| [0.0, 120.0, 240.0].map(|azimuth| [azimuth + turn, 30.0]));
@@ -264,33 +267,86 @@ fn led_changes([azimuth_deg, elevation_deg]: [f64; 2], normals: &Normals) -> Vec
     gain.into_iter().map(|gain| f64::from(gain) - f64::from(flat)).collect()
 }
 
-/// Computes the sums of each channel over a sample of the pixels. Clipped pixels are left out: their change is not
-/// known.
-fn channel_sums(
-    pixels: &PixelSamples,
-    sample: &[usize],
-    normals: &Normals,
-    directions: &Directions,
-) -> [ChannelSums; 3] {
-    let changes = directions.map(|direction| led_changes(direction, normals));
-    let mut all = [ChannelSums::default(); 3];
-    for (number, &k) in sample.iter().enumerate() {
-        let changes = changes.each_ref().map(|of_led| of_led[number]);
-        for (channel, sums) in all.iter_mut().enumerate() {
-            if pixels.clipped[k][channel] != 0.0 {
-                continue;
+/// What is known of a channel at a sample of the pixels. Clipped ones are left out: their change is not known.
+#[derive(Default)]
+struct ChannelSamples {
+    /// Places in the sample.
+    numbers: Vec<usize>,
+    /// The background and the change, as fractions of full scale.
+    levels: Vec<[f64; 2]>,
+}
+
+impl ChannelSamples {
+    fn from_pixels(pixels: &PixelSamples, sample: &[usize]) -> [Self; 3] {
+        [0, 1, 2].map(|channel| {
+            let mut known = Self::default();
+            for (number, &k) in sample.iter().enumerate().filter(|(_, k)| pixels.clipped[**k][channel] == 0.0) {
+                known.numbers.push(number);
+                known.levels.push([pixels.background[k][channel], pixels.change[k][channel]].map(f64::from));
             }
-            let (rest, change) = (f64::from(pixels.background[k][channel]), f64::from(pixels.change[k][channel]));
-            let features = SVector::<f64, { 2 * LED_COUNT }>::from_fn(
-                |i, _| if i < LED_COUNT { rest } else { 1.0 } * changes[i % LED_COUNT],
-            );
-            sums.products += features * features.transpose();
-            sums.with_change += features * change;
-            sums.change_squared += change * change;
-            sums.count += 1.0;
+            known
+        })
+    }
+
+    /// Computes the sums, from each LED's [`led_changes`].
+    fn sum(&self, changes: &[Vec<f64>; LED_COUNT]) -> ChannelSums {
+        let mut sums = [[0.0; 8]; 2 * LED_COUNT + 1];
+        // Few rows at a time, which stay in the L1 cache.
+        let mut rows = [[0.0; 8]; 256];
+        for (numbers, levels) in self.numbers.chunks(rows.len()).zip(self.levels.chunks(rows.len())) {
+            for ((row, &number), [rest, change]) in rows.iter_mut().zip(numbers).zip(levels) {
+                for (led, of_led) in changes.iter().enumerate() {
+                    row[led] = rest * of_led[number];
+                    row[LED_COUNT + led] = of_led[number];
+                }
+                row[2 * LED_COUNT] = *change;
+            }
+            dispatch_two_widths(ProductsKernel { rows: &rows[..numbers.len()], sums: &mut sums });
+        }
+        ChannelSums {
+            products: SMatrix::from_fn(|i, j| sums[i][j]),
+            with_change: SVector::from_fn(|i, _| sums[i][2 * LED_COUNT]),
+            change_squared: sums[2 * LED_COUNT][2 * LED_COUNT],
+            count: self.numbers.len() as f64,
         }
     }
-    all
+}
+
+/// Computes the sums of each channel.
+fn channel_sums(samples: &[ChannelSamples; 3], normals: &Normals, directions: &Directions) -> [ChannelSums; 3] {
+    let changes = directions.map(|direction| led_changes(direction, normals));
+    samples.each_ref().map(|channel| channel.sum(&changes))
+}
+
+/// Adds to sums, for each row, the products of all pairs of its first seven numbers. The eighth is 0, so that a row fills
+/// vectors.
+struct ProductsKernel<'a> {
+    rows: &'a [[f64; 8]],
+    sums: &'a mut [[f64; 8]; 2 * LED_COUNT + 1],
+}
+
+impl TwoWidthKernel for ProductsKernel<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd, W: Simd>(self, vectors: Vectors<S, W>) {
+        let simd = vectors.widest;
+        for part in 0..8 / W::F64_LANES {
+            let mut sums = [simd.splat_f64s(0.0); 2 * LED_COUNT + 1];
+            for (sum, all) in sums.iter_mut().zip(&*self.sums) {
+                *sum = W::as_simd_f64s(all).0[part];
+            }
+            for row in self.rows {
+                let others = W::as_simd_f64s(row).0[part];
+                for (sum, value) in sums.iter_mut().zip(row) {
+                    *sum = simd.add_f64s(*sum, simd.mul_f64s(simd.splat_f64s(*value), others));
+                }
+            }
+            for (all, sum) in self.sums.iter_mut().zip(sums) {
+                W::as_mut_simd_f64s(all).0[part] = sum;
+            }
+        }
+    }
 }
 
 /// Finds for each channel the stray light and the strengths with the least error. Returns the sum of squared errors,
@@ -371,7 +427,9 @@ mod tests {
                 background: vec![[1.0; 3]],
             };
             // Of a white background the features are the reflected light itself.
-            let light = channel_sums(&one, &[0], &super::sample_normals(&one, &[0]), &truth)[0].with_change;
+            let light =
+                channel_sums(&ChannelSamples::from_pixels(&one, &[0]), &super::sample_normals(&one, &[0]), &truth)[0]
+                    .with_change;
             pixels.append(&PixelSamples {
                 change: vec![std::array::from_fn(|c| {
                     let added: f64 = (0..LED_COUNT).map(|l| strengths[l][c] * light[l]).sum();
