@@ -55,8 +55,8 @@ pub fn compute_thin_fraction(depth: &Depth, radius: usize, blunting_mm: f32) -> 
     thin as f64 / touching.max(1) as f64
 }
 
-/// Combines every value with those in the disc of `radius` px around it, as far as the disc lies in the image. With a minimum this is
-/// an erosion, with a maximum a dilation.
+/// Combines every value with those in the disc of `radius` px around it, as far as the disc lies in the image. With a
+/// minimum this is an erosion, with a maximum a dilation.
 fn filter_over_disc(image: &Grid<f32>, radius: usize, take: impl Fn(f32, f32) -> f32) -> Grid<f32> {
     let mut result = image.clone();
     let (width, height) = (image.width, image.height);
