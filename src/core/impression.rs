@@ -61,17 +61,6 @@ pub struct Impression {
     pub(super) drop_mm: Option<Arc<Grid<f32>>>,
 }
 
-/// The part of a contact that belongs to one object.
-#[derive(Clone, Debug)]
-pub struct ContactPart {
-    /// 255 where the pad touches the object, in the view.
-    pub mask: Grid<u8>,
-    /// Its largest depth below the undeformed pad in view, mm.
-    pub deepest_mm: f32,
-    /// Sum of the pressures on its pixels, kPa.
-    pub pressure_kpa: f64,
-}
-
 impl std::fmt::Debug for Impression {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { image, contact, wrench, .. } = self;
@@ -161,47 +150,6 @@ impl Impression {
             }
         }
         instances
-    }
-
-    /// Returns, for each pixel of the image, the number of the object that the pad touches, counted from 1; 0 if it
-    /// touches none. `instances` is [`Impression::instance_mask`], which one object needs not.
-    pub fn instance_map(&self, instances: Option<&Grid<u8>>) -> Vec<u8> {
-        let mask = &self.contact.mask;
-        let data = match instances {
-            None => mask.data.iter().map(|mask| u8::from(*mask != 0)).collect(),
-            Some(instances) => {
-                let pixels = instances.data.iter().zip(&mask.data);
-                pixels.map(|(number, mask)| if *mask == 0 { 0 } else { *number }).collect()
-            }
-        };
-        self.in_image(&Grid { data, ..*mask }).data
-    }
-
-    /// Divides the contact between objects by their [`Impression::instance_mask`].
-    pub fn divide_contact(&self, instances: &Grid<u8>, objects: usize) -> Vec<ContactPart> {
-        let mask = &self.contact.mask;
-        let part = |number: usize| ContactPart {
-            mask: Grid {
-                data: instances
-                    .data
-                    .iter()
-                    .zip(&mask.data)
-                    .map(|(of, mask)| if usize::from(*of) == number { *mask } else { 0 })
-                    .collect(),
-                ..*mask
-            },
-            deepest_mm: 0.0,
-            pressure_kpa: 0.0,
-        };
-        let mut parts: Vec<ContactPart> = (1..=objects).map(part).collect();
-        for y in 0..instances.height {
-            for (x, number) in instances.row(y).iter().enumerate().filter(|(_, number)| **number > 0) {
-                let part = &mut parts[usize::from(*number) - 1];
-                part.deepest_mm = part.deepest_mm.max(self.penetration_mm(x, y));
-                part.pressure_kpa += self.contact.pressure.as_ref().map_or(0.0, |pressure| pressure.at(x, y).into());
-            }
-        }
-        parts
     }
 
     /// Returns how far an object reaches below the undeformed pad at a pixel of [`Contact::mask`], mm; negative where

@@ -9,6 +9,7 @@ pub mod effects;
 pub mod fidelity;
 pub mod gelpad;
 pub mod impression;
+pub mod instances;
 pub mod mesh;
 pub mod optics;
 pub mod pose;

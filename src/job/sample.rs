@@ -11,6 +11,7 @@ use crate::scene::Scene;
 use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::grid::Grid;
 use gelsim_core::impression::Impression;
+use gelsim_core::instances::map_instances;
 use gelsim_core::simulator::{Press, Simulator};
 
 /// A rendered sample.
@@ -112,7 +113,7 @@ impl Sample {
     /// Returns, for each pixel of the image, the number of the object that the pad touches, counted from 1 in the
     /// label's order; 0 if it touches none.
     pub fn instance_map(&self) -> Vec<u8> {
-        self.impression.instance_map(self.numbered.as_ref())
+        map_instances(&self.impression, self.numbered.as_ref())
     }
 }
 

@@ -201,3 +201,24 @@ fn count_penetrating(depth: &Depth) -> [u64; 2] {
     }
     [within, all - within]
 }
+
+/// Computes the first moment of a contact's pressure along the pad's x and y, N mm. Returns `None` if some of the pressure
+/// lies beyond what was captured.
+pub fn pressure_moment_nmm(contact: &Contact, youngs_modulus_kpa: f64) -> Option<[f64; 2]> {
+    let Some(load) = &contact.load else { return contact.force_n.filter(|force| *force == 0.0).map(|_| [0.0; 2]) };
+    let mut sums = [0.0; 3];
+    for y in 0..load.pressure.height {
+        let at_y = load.origin_mm[1] + y as f64 * load.mm_per_px[1];
+        for (x, pressure) in load.pressure.row(y).iter().enumerate() {
+            let pressure = f64::from(*pressure);
+            sums[0] += pressure * (load.origin_mm[0] + x as f64 * load.mm_per_px[0]);
+            sums[1] += pressure * at_y;
+            sums[2] += pressure;
+        }
+    }
+    // 1 kPa mm^2 is 1 mN.
+    let newtons = 1e-3 * contact.stiffening_factor * youngs_modulus_kpa * load.mm_per_px[0] * load.mm_per_px[1];
+    let total = contact.total.total_force_n?;
+    let captured = (newtons * sums[2] - total).abs() <= 1e-3 * total;
+    captured.then(|| [newtons * sums[0], newtons * sums[1]])
+}

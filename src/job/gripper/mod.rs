@@ -17,6 +17,7 @@ use crate::scene::Scene;
 use gelsim_core::base::clock::{Seconds, ThreadClock};
 use gelsim_core::base::rng;
 use gelsim_core::effects::{Effect, PerEffect};
+use gelsim_core::gelpad::total_contact::pressure_moment_nmm;
 use gelsim_files::sensor::quantity::Quantity;
 
 pub mod balance;
@@ -114,7 +115,7 @@ pub fn render(plan: &Plan, index: u64, attempt: u32) -> Grip {
     let reason = hold.failure.take().or_else(|| explain_imbalance(&hold, forces_n));
     fingers.iter_mut().for_each(|finger| mark_unhealthy(&mut finger.label, reason.as_deref()));
     let moments = fingers.each_ref().map(|finger| {
-        finger.impression.contact.pressure_moment_nmm(finger.simulator.sensor().gelpad.youngs_modulus_kpa)
+        pressure_moment_nmm(&finger.impression.contact, finger.simulator.sensor().gelpad.youngs_modulus_kpa)
     });
     let gripper = pair.describe_grip(&hold, &fingers[0].label.pose, forces_n, moments);
     let label = GripLabel::new(gripper, fingers[0].label.clone(), fingers[1].label.clone());

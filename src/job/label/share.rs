@@ -11,7 +11,8 @@ use crate::scene::Scene;
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::mask_extent::MaskExtent;
 use gelsim_core::base::view::View;
-use gelsim_core::impression::{ContactPart, Impression};
+use gelsim_core::impression::Impression;
+use gelsim_core::instances::{ContactPart, divide_contact};
 use gelsim_core::simulator::Simulator;
 
 /// One of the objects that were pressed in together.
@@ -147,7 +148,7 @@ pub(super) fn describe_objects(
 
 /// Computes each object's share of a contact.
 fn compute_shares(impression: &Impression, view: &View, numbered: &Grid<u8>, objects: usize) -> Vec<ShareLabel> {
-    let parts = impression.divide_contact(numbered, objects);
+    let parts = divide_contact(impression, numbered, objects);
     // The force is divided in proportion to the pressure on each object's pixels.
     let all: f64 = parts.iter().map(|part| part.pressure_kpa).sum();
     let share = |part: &ContactPart| {
