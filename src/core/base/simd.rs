@@ -132,8 +132,8 @@ impl<K: TwoWidthKernel> WithSimd for SixteenLaneKernel<K> {
     }
 }
 
-/// Runs a part that many kernels share, with the vectors of the kernel. It is a function of its own: within the kernels,
-/// it would be compiled once for each call.
+/// Runs a part that many kernels share, with their vectors. It is a function of its own: within the kernels, it would be
+/// compiled once for each call.
 #[inline(always)]
 pub fn call_kernel<S: Simd, K: WithSimd>(simd: S, kernel: K) -> K::Output {
     if S::IS_SCALAR { run_plain(kernel) } else { simd.vectorize(kernel) }

@@ -32,7 +32,7 @@ pub fn count_scattered_pixels(penetration: &Grid<f32>) -> (usize, usize) {
 }
 
 /// Computes the fraction of what touches in view from which an opening with a disc of `radius` px removes more than
-/// `blunting_mm`; 0 if nothing touches. The margin must be twice the radius.
+/// `blunting_mm`; 0 if nothing touches. The margin must be at least twice the radius.
 pub fn compute_thin_fraction(depth: &Depth, radius: usize, blunting_mm: f32) -> f64 {
     let (width, height, margin) = (depth.penetration.width, depth.penetration.height, depth.margin_px);
     let part = depth.touching.grown(2 * radius, width, height);

@@ -108,4 +108,10 @@ mod tests {
         assert!(decode(&bytes).expect_err("refused").contains("palette"));
         assert_eq!(palette_lengths(b"").count() + palette_lengths(&[255; 40]).count(), 0);
     }
+
+    #[test]
+    fn another_kind_of_picture_has_no_16_bit_values() {
+        assert!(decode_grey16(&crate::png::encode_grey(1, 1, &[7])).is_err());
+        assert!(decode_grey16(b"").is_err());
+    }
 }

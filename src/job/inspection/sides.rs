@@ -1,8 +1,8 @@
 //! Captures the six sides of an object as a sensor would, level and in the middle of the view.
 //!
 //! Each side is captured on a grid three times as fine as the sensor's; every third point is a pixel's centre. Parts
-//! that stand out by less than two pixels across are found by a morphological opening (Serra 1982) of the depth map
-//! with a disc two pixels wide, which removes exactly those parts into which the disc does not fit.
+//! that stand out by less than two pixels across are those into which a disc two pixels wide does not fit
+//! ([`gelsim_core::depth::thinness`]).
 
 use rayon::prelude::*;
 use serde::Serialize;

@@ -132,7 +132,6 @@ type Directions = [[f64; 2]; LED_COUNT];
 
 /// Sums over pixels for one channel and given directions: products of the features. The first features are the
 /// reflected light times the background, the others the reflected light.
-#[derive(Clone, Copy, Default)]
 struct ChannelSums {
     products: SMatrix<f64, { 2 * LED_COUNT }, { 2 * LED_COUNT }>,
     with_change: SVector<f64, { 2 * LED_COUNT }>,
