@@ -7,7 +7,6 @@ use std::process::ExitCode;
 
 use gelsim_augment::counterpart::{CounterpartRenderer, Orientation, Paired, PressMetadata};
 use gelsim_augment::photometric::background::BackgroundSwap;
-use gelsim_augment::photometric::noise::NoiseLevel;
 use gelsim_augment::photometric::{Photometric, PhotometricRecipe, SensorProfile};
 use gelsim_core::camera::Image;
 use gelsim_core::optics::background::BackgroundImage;
@@ -17,6 +16,7 @@ use gelsim_files::png;
 use gelsim_job::config::{self, Overrides};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
+use gelsim_lab::metrics::noise::NoiseLevel;
 use gelsim_lab::preview::amplify_difference;
 use gelsim_lab::preview::rows::{SheetRow, draw_row_sheet};
 use image::{Rgb, RgbImage};
@@ -182,7 +182,7 @@ fn paired() -> Result<RgbImage, String> {
 /// An image over another background.
 fn over(image: &RgbImage, own: &RgbImage, other: &RgbImage) -> RgbImage {
     let own = BackgroundImage::new(own.width() as usize, own.height() as usize, own.as_raw().clone());
-    let planes = BackgroundSwap::new("", &own, other.as_raw()).swap_background(image.as_raw());
+    let planes = BackgroundSwap::new("", &own, other.as_raw()).change.apply(image.as_raw());
     RgbImage::from_fn(image.width(), image.height(), |x, y| {
         let at = (y * image.width() + x) as usize;
         Rgb([0, 1, 2].map(|k| gelsim_core::base::light::quantise(planes[k][at])))

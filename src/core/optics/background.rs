@@ -160,6 +160,30 @@ impl BackgroundImage {
     }
 }
 
+/// What another background image of the same size adds to an image, in grey levels.
+#[derive(Clone, Debug)]
+pub struct BackgroundChange {
+    /// The other background minus the image's own, row-major RGB.
+    difference: Vec<i16>,
+}
+
+impl BackgroundChange {
+    /// Computes the change from a background image to the row-major RGB of another one.
+    pub fn new(own: &BackgroundImage, other: &[u8]) -> Self {
+        let difference = other.iter().zip(&own.rgb).map(|(other, own)| i16::from(*other) - i16::from(*own));
+        Self { difference: difference.collect() }
+    }
+
+    /// Returns row-major RGB as light over the other background, 1 = full scale. Values may leave 0 to 1.
+    pub fn apply(&self, rgb: &[u8]) -> [Vec<f32>; 3] {
+        let levels = |k: usize| {
+            let pixels = rgb.iter().zip(&self.difference).skip(k).step_by(3);
+            pixels.map(|(level, change)| f32::from(i16::from(*level) + change) * (1.0 / 255.0)).collect()
+        };
+        std::array::from_fn(levels)
+    }
+}
+
 /// Returns where the centre of a column (`k` is 0) or of a row (`k` is 1) lies, mm from the middle of the image.
 fn pixel_centre_mm(at: usize, k: usize, field_of_view_mm: [f64; 2], view: &View) -> f64 {
     (at as f64 + 0.5) * view.mm_per_px[k] - field_of_view_mm[k] / 2.0

@@ -16,7 +16,6 @@ mod card;
 pub mod config;
 pub mod counterpart;
 pub mod coverage;
-mod image_stats;
 pub mod input;
 mod make;
 mod metadata;

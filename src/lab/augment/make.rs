@@ -13,14 +13,12 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::counterpart::{Alignment, Counterpart};
-use super::image_stats::ImageStats;
 use super::input::images::{path_inside, with_slashes};
 use super::input::{LabelFormat, RealSample};
 use super::output::labels::{LabelWriter, parse_csv_record, parse_object};
-use super::output::pictures::{encode_as, is_of_format};
 use super::output::{ImagePlacement, OutputLayout, OutputSample};
 use super::photometric::AppliedAugmentation;
-use super::report::{SampleEntry, make_thumbnail};
+use super::report::SampleEntry;
 use super::trace::{Source, Trace};
 use super::{AugmentError, Recipe};
 use gelsim_core::camera::Image;
@@ -28,6 +26,8 @@ use gelsim_dataset::archive::Member;
 use gelsim_dataset::encode::to_json_line;
 use gelsim_files::input::{MAX_IMAGE_BYTES, read_if_exists};
 use gelsim_files::{image_file, png};
+use gelsim_lab::metrics::image_stats::ImageStats;
+use gelsim_lab::page::make_thumbnail;
 
 mod synthetic;
 
@@ -358,11 +358,11 @@ impl<'a> SampleMaker<'a> {
     ) -> Result<Vec<u8>, AugmentError> {
         let set = &self.recipe.set;
         let failed = |reason: String| AugmentError::Sample(format!("{}: {reason}", set.sample_name(real)));
-        let is_as_named = is_of_format(&raw.image, &set.image_column);
+        let is_as_named = image_file::is_of_format(&raw.image, &set.image_column);
         if is_as_named && made.unchanged {
             return Ok(raw.image.clone());
         }
-        encode_as(&set.image_column, made.image).map_err(failed)
+        image_file::encode_as(&set.image_column, made.image).map_err(failed)
     }
 
     /// Reads the files that a real sample's label names besides the image. Returns where they go, and their contents.

@@ -9,12 +9,12 @@ use serde_json::{Value, json};
 use super::Recipe;
 use super::counterpart::Alignment;
 use super::coverage::covered_fraction;
-use super::image_stats::{IMAGE_STAT_NAMES, ImageStats};
 use super::synthetic_mix::Coverage;
 use super::trace::Source;
 use gelsim_files::number_format::{format_count, format_number, format_percent};
 use gelsim_files::png::encode_small;
 use gelsim_job::label::GENERATOR;
+use gelsim_lab::metrics::image_stats::{IMAGE_STAT_NAMES, ImageStats};
 use gelsim_lab::page::bars::{Bar, draw_histogram};
 use gelsim_lab::page::{self, canvas::Colour};
 
@@ -28,16 +28,8 @@ const KINDS: [(&str, Colour); Source::ALL.len()] =
 
 /// Most photometric copies that are shown next to their real image.
 const MAX_COPIES: usize = 4;
-/// Width of a picture, px.
-const TILE_PX: u32 = 150;
 /// Least width of the caption below a picture, px.
 const MIN_CAPTION_PX: u32 = 100;
-
-/// Scales an image to the size of the page's pictures.
-pub fn make_thumbnail(image: &RgbImage) -> RgbImage {
-    let height = (image.height() * TILE_PX / image.width().max(1)).max(1);
-    if image.width() > TILE_PX { image::imageops::thumbnail(image, TILE_PX, height) } else { image.clone() }
-}
 
 /// One count per source.
 pub type PerSource = [u64; Source::ALL.len()];

@@ -5,7 +5,6 @@ use image::RgbImage;
 use super::config::Augment;
 use super::input::RealDataset;
 use super::photometric::background::picture_help;
-use super::photometric::noise::NoiseLevel;
 use super::photometric::{SensorProfile, render_background};
 use gelsim_core::base::view::View;
 use gelsim_core::camera::projection::LensModel;
@@ -19,6 +18,7 @@ use gelsim_job::config::object::Object;
 use gelsim_job::config::scene::{Face, Pose};
 use gelsim_job::plan::check::JobChecker;
 use gelsim_job::plan::{ranges, standalone};
+use gelsim_lab::metrics::noise::NoiseLevel;
 
 /// Name that means the background image which the sensor renders.
 pub const RENDERED: &str = "rendered";

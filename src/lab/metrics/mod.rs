@@ -4,5 +4,7 @@
 
 pub mod distance;
 pub mod image;
+pub mod image_stats;
+pub mod noise;
 pub mod statistics;
 pub mod surface;

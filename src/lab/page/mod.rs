@@ -3,6 +3,7 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use image::RgbImage;
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
 use canvas::Colour;
@@ -90,6 +91,18 @@ pub fn render_figures(figures: impl Render) -> Markup {
 /// Renders a PNG file of this width and height, px, as part of the page.
 pub fn render_image(png: &[u8], (width, height): (u32, u32), caption: &str) -> Markup {
     html! { img src=(png_data_uri(png)) width=(width) height=(height) alt=(caption); }
+}
+
+/// Width of a thumbnail, px.
+const THUMBNAIL_PX: u32 = 150;
+
+/// Scales an image down to the width of a thumbnail; a smaller one stays as it is.
+pub fn make_thumbnail(image: &RgbImage) -> RgbImage {
+    let (width, height) = image.dimensions();
+    if width <= THUMBNAIL_PX {
+        return image.clone();
+    }
+    image::imageops::thumbnail(image, THUMBNAIL_PX, (height * THUMBNAIL_PX / width).max(1))
 }
 
 /// Renders a small figure; a click shows the large one over the whole window, another click closes it. `name` must be

@@ -1,7 +1,7 @@
 //! `[paired]`: renders the simulated counterpart of a real sample whose object, pose and depth are known.
 //!
 //! A label is seldom exact to the pixel. So the counterpart is rendered where the label says, the shift between the two
-//! is measured ([`mod@align`]), and the counterpart is rendered again at the shifted place. Moving the picture instead
+//! is measured ([`align`]), and the counterpart is rendered again at the shifted place. Moving the picture instead
 //! would carry the light of one place to another. What is left of the shift is measured again, until it is small or the
 //! counterpart becomes less alike.
 
@@ -18,12 +18,10 @@ use gelsim_job::plan::Plan;
 use gelsim_job::plan::check::JobChecker;
 use gelsim_job::sample::Sample;
 use gelsim_job::scene::{KnownPress, PressSource, Scene};
+use gelsim_lab::calibrate::detect::align::{self, ChangePyramid, find_shift};
 
-pub mod align;
 #[cfg(test)]
 mod tests;
-
-use align::{ChangePyramid, find_shift};
 
 /// The `[paired]` table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -1,10 +1,10 @@
 use std::path::Path;
 
 use super::*;
-use crate::photometric::noise::NoiseLevel;
 use crate::photometric::{Photometric, PhotometricRecipe, SensorProfile};
 use gelsim_files::diagnostic::Diagnostics;
 use gelsim_job::config::{self, Overrides};
+use gelsim_lab::metrics::noise::NoiseLevel;
 
 fn renderer(settings: Paired, more: &str) -> CounterpartRenderer {
     let text = format!(

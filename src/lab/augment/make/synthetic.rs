@@ -9,11 +9,11 @@ use crate::AugmentError;
 use crate::input::{LabelFormat, RealSample};
 use crate::output::OutputSample;
 use crate::output::labels::SyntheticSample;
-use crate::output::pictures::{encode_as, is_of_format};
 use crate::report::SampleEntry;
 use crate::trace::{Source, Trace};
 use gelsim_dataset::archive::Member;
 use gelsim_dataset::encode::{encode_members, to_json_line};
+use gelsim_files::image_file;
 use gelsim_files::number_format::format_number;
 use gelsim_job::sample::AcceptedSample;
 use gelsim_job::sample::RejectedSample;
@@ -74,10 +74,10 @@ impl SampleMaker<'_> {
             if *form == LabelFormat::Tar {
                 if tactile {
                     let failed = |reason: String| AugmentError::Sample(format!("{key}: {reason}"));
-                    let image = if is_of_format(&bytes, &set.image_column) {
+                    let image = if image_file::is_of_format(&bytes, &set.image_column) {
                         bytes
                     } else {
-                        encode_as(&set.image_column, &sample.impression.image).map_err(failed)?
+                        image_file::encode_as(&set.image_column, &sample.impression.image).map_err(failed)?
                     };
                     piece.tar_files.push(Member::new(set.image_column.as_str(), image));
                 } else if self.columns.contains(&suffix) {

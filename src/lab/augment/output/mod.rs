@@ -19,7 +19,6 @@ use gelsim_files::hash::{sha256, to_hex};
 
 pub mod folder;
 pub mod labels;
-pub mod pictures;
 
 use labels::LabelWriter;
 

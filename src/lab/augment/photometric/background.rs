@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use crate::photometric::SensorProfile;
-use gelsim_core::optics::background::BackgroundImage;
+use gelsim_core::optics::background::{BackgroundChange, BackgroundImage};
 use gelsim_files::image_file;
 use gelsim_files::input::{self, suggest_file_name};
 use gelsim_job::plan::check::JobChecker;
@@ -19,8 +19,8 @@ const RENDERED: &str = "rendered";
 pub struct BackgroundSwap {
     /// Name in the table.
     pub name: String,
-    /// This background minus the image's own, row-major RGB.
-    difference: Vec<i16>,
+    /// Change from the image's own background to this one.
+    pub change: BackgroundChange,
 }
 
 /// Reads the pictures that the list at the dotted path `at` names. Those that cannot be used are reported and left out.
@@ -76,16 +76,6 @@ pub fn picture_help(path: &Path) -> String {
 impl BackgroundSwap {
     /// Creates a swap from the images' own background and the RGB of another one of the same size.
     pub fn new(name: &str, own: &BackgroundImage, other: &[u8]) -> Self {
-        let difference = other.iter().zip(&own.rgb).map(|(other, own)| i16::from(*other) - i16::from(*own));
-        Self { name: name.to_owned(), difference: difference.collect() }
-    }
-
-    /// Returns an image as light over the other background, 1 = full scale. Values may leave 0 .. 1.
-    pub fn swap_background(&self, rgb: &[u8]) -> [Vec<f32>; 3] {
-        let levels = |k: usize| {
-            let pixels = rgb.iter().zip(&self.difference).skip(k).step_by(3);
-            pixels.map(|(level, change)| f32::from(i16::from(*level) + change) * (1.0 / 255.0)).collect()
-        };
-        std::array::from_fn(levels)
+        Self { name: name.to_owned(), change: BackgroundChange::new(own, other) }
     }
 }

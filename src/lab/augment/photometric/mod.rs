@@ -19,14 +19,13 @@ use gelsim_files::sensor::markers::MarkerDistribution;
 use gelsim_files::sensor::quantity::Quantity;
 use gelsim_job::plan::check::JobChecker;
 use gelsim_job::plan::markers::check_markers;
+use gelsim_lab::metrics::noise::NoiseLevel;
 
 pub mod background;
-pub mod noise;
 pub mod recipe;
 #[cfg(test)]
 mod tests;
 
-use noise::NoiseLevel;
 pub use recipe::{AppliedAugmentation, PhotometricRecipe};
 
 /// One `[[photometric]]` table. What is left out changes nothing.

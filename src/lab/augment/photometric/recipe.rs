@@ -8,7 +8,6 @@ use image::RgbImage;
 use serde::Serialize;
 
 use super::background::BackgroundSwap;
-use super::noise::NoiseLevel;
 use super::{Photometric, SensorProfile};
 use gelsim_core::base::gaussian_blur;
 use gelsim_core::base::grid::Rect;
@@ -20,6 +19,7 @@ use gelsim_core::camera::{Camera, CameraParams, Image};
 use gelsim_core::effects::{EffectLog, EffectPolicy};
 use gelsim_core::optics::background::BackgroundImage;
 use gelsim_files::sensor::quantity::Quantity;
+use gelsim_lab::metrics::noise::NoiseLevel;
 
 /// A table prepared for one sensor.
 #[derive(Clone, Debug)]
@@ -88,7 +88,7 @@ impl PhotometricRecipe {
         });
         let region = Rect::whole(width, height);
         let light = match swap {
-            Some(swap) => Light { region, planes: swap.swap_background(&real.rgb) },
+            Some(swap) => Light { region, planes: swap.change.apply(&real.rgb) },
             None => real.light(region),
         };
 

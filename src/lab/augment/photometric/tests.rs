@@ -4,7 +4,6 @@ use image::{Rgb, RgbImage};
 use proptest::prelude::*;
 
 use super::background::BackgroundSwap;
-use super::noise::NoiseLevel;
 use super::{AppliedAugmentation, Photometric, PhotometricRecipe, SensorProfile};
 use gelsim_core::base::light::quantise;
 use gelsim_core::base::view::View;
@@ -14,6 +13,7 @@ use gelsim_files::diagnostic::{Diagnostics, Report};
 use gelsim_files::sensor::Sensor;
 use gelsim_job::config::document::Document;
 use gelsim_job::plan::check::JobChecker;
+use gelsim_lab::metrics::noise::NoiseLevel;
 
 const SIZE: [u32; 2] = [48, 36];
 

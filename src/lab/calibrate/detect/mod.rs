@@ -4,6 +4,7 @@
 //! the change unexplained (`fit.rs`), the rim (`rim.rs`). Expects one ball whose contact takes 5 to 60 % of the smaller
 //! side; part of the disc may be out of view. The constants were chosen on presses of six real sensors.
 
+pub mod align;
 pub mod change;
 mod fit;
 mod rim;

@@ -9,9 +9,9 @@
 
 use image::RgbImage;
 
+use super::change::{BlockChange, Drift};
 use gelsim_core::base::grid::{Grid, Rect, bounding_box};
 use gelsim_core::base::simd::simd_dispatch;
-use gelsim_lab::calibrate::detect::change::{BlockChange, Drift};
 
 /// Change of red, green and blue, grey levels.
 pub type ChangeMap = Grid<[f32; 3]>;

@@ -46,7 +46,7 @@ impl NoiseLevel {
         let variances: Vec<[f64; 3]> = pairs.filter_map(|pair| pair_noise_variances(&pair[0], &pair[1])).collect();
         let channel = |k: usize| {
             let values: Vec<f64> = variances.iter().map(|variance| variance[k]).collect();
-            gelsim_lab::metrics::statistics::median(&values)
+            super::statistics::median(&values)
         };
         let [red, green, blue] = [channel(0)?, channel(1)?, channel(2)?];
         let read_levels = libm::sqrt((red + green + blue) / 3.0);

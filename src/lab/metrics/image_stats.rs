@@ -14,21 +14,30 @@ pub struct ImageStats {
 impl ImageStats {
     /// Computes the statistics of an image with rows of `width` pixels.
     pub fn from_rgb(width: usize, rgb: &[u8]) -> Self {
-        let (mut sums, mut grey, mut squares, mut steps) = ([0_u64; 3], 0_u64, 0_u64, 0_u64);
-        for row in rgb.chunks_exact(3 * width.max(1)) {
-            let mut before = None;
-            for pixel in row.chunks_exact(3) {
-                let three: u64 = pixel.iter().map(|level| u64::from(*level)).sum();
-                sums.iter_mut().zip(pixel).for_each(|(sum, level)| *sum += u64::from(*level));
-                grey += three;
-                squares += three * three;
-                steps += before.map_or(0, |before: u64| before.abs_diff(three));
-                before = Some(three);
+        let width = width.max(1);
+        let (mut sums, mut squares, mut steps) = ([0_u64; 3], 0_u64, 0_u64);
+        let mut greys = vec![0_u16; width];
+        for row in rgb.chunks_exact(3 * width) {
+            let mut row_sums = [0_u32; 3];
+            for (grey, pixel) in greys.iter_mut().zip(row.as_chunks().0) {
+                let [red, green, blue] = *pixel;
+                let levels = [u16::from(red), u16::from(green), u16::from(blue)];
+                *grey = levels[0] + levels[1] + levels[2];
+                for k in 0..3 {
+                    row_sums[k] += u32::from(levels[k]);
+                }
             }
+            for k in 0..3 {
+                sums[k] += u64::from(row_sums[k]);
+            }
+            squares += greys.iter().map(|grey| u64::from(u32::from(*grey) * u32::from(*grey))).sum::<u64>();
+            let neighbours = greys.iter().zip(&greys[1..]);
+            steps += u64::from(neighbours.map(|(a, b)| u32::from(a.abs_diff(*b))).sum::<u32>());
         }
+        let grey: u64 = sums.iter().sum();
         let count = (rgb.len() / 3).max(1) as f64;
         let mean = grey as f64 / count;
-        let between = (count - count / width.max(1) as f64).max(1.0);
+        let between = (count - count / width as f64).max(1.0);
         Self {
             mean: sums.map(|sum| sum as f64 / count),
             contrast: (squares as f64 / count - mean * mean).max(0.0).sqrt() / 3.0,
