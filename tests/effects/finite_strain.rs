@@ -7,7 +7,7 @@ use gelsim_core::gelpad::finite_strain::FiniteStrain;
 use gelsim_core::gelpad::{Model, Theory};
 
 use crate::physics::rig::{NOTHING, Rig, Setup};
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 /// What the effect says of a press that it leaves out.
 const SMALL: &str = "linear theory is within the tolerance";

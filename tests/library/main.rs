@@ -1,13 +1,12 @@
 //! What the library computes: one process for all of it, tests by name: `cargo test --release --test library physics::contact`.
 //!
-//! Each folder beside this one is a module, whose head says what it asks. `oracle` holds second implementations that several
-//! of them compare with, `random_jobs` draws jobs, `plan` makes the plan of a job's text, `shapes` makes meshes and
-//! random numbers, `cases` checks a table's cases side by side.
+//! Each folder beside this one is a module, whose head says what it asks. `random_jobs` draws jobs, `plan` makes the plan of
+//! a job's text, `cases` checks a table's cases side by side. Second implementations that several of them compare with, meshes
+//! and random numbers are in the crate `gelsim_oracle`. It is optimised and this one is not, so put loops that take long there.
 
 use gelsim::SensorExt;
 
 mod cases;
-mod shapes;
 mod stages;
 
 #[path = "../calibration/mod.rs"]
@@ -16,8 +15,6 @@ mod calibration;
 mod effects;
 #[path = "../golden/mod.rs"]
 mod golden;
-#[path = "../oracle/mod.rs"]
-mod oracle;
 #[path = "../physics/mod.rs"]
 mod physics;
 #[path = "../physics/plan.rs"]

@@ -24,7 +24,7 @@ use crate::shapes::Shape;
 /// How far the bundled object of a plan's sample reaches below the pad at each pixel of the window around the view, mm:
 /// minus infinity where there is none of it.
 pub fn penetration(plan: &Plan, name: &str, index: u64, margin: usize) -> Grid<f64> {
-    let shape = Shape::bundled(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("objects/{name}.obj")));
+    let shape = Shape::bundled(&Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../objects/{name}.obj")));
     let scenery = Scenery::new(&shape, &Scene::draw(plan, index, 0).pose.placement(), plan.simulator.view(), margin);
     let [width, height] = plan.simulator.view().resolution_px.map(|px| px + 2 * margin);
     let below = |at: usize| (-scenery.lowest_point(at % width, at / width)).min(plan.thickness_mm());

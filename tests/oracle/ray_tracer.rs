@@ -7,6 +7,7 @@
 
 use std::f64::consts::TAU;
 
+use super::shapes::Random;
 use super::vectors::{Vector, along, dot, unit};
 use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::Phong;
@@ -166,21 +167,21 @@ impl Lamp {
 }
 
 /// What a place gets of the light that the surface gives back, a share of `albedo`, N.l times brightness: after one bounce, and
-/// after all of them. The mean of so many paths; `unit_random` gives numbers from 0 to 1.
+/// after all of them. The mean of so many paths.
 pub fn bounced(
     dent: Dent,
     at: (Vector, Vector),
     lamps: &[Lamp],
     albedo: f64,
     paths: usize,
-    unit_random: &mut impl FnMut() -> f64,
+    random: &mut Random,
 ) -> [f64; 2] {
     let light = Light { shadows: true, regardless_of_height: false };
     let (mut first, mut all) = (0.0, 0.0);
     for _ in 0..paths {
         let ((mut place, mut normal), mut kept) = (at, 1.0);
         for bounce in 0.. {
-            let way = scattered(normal, unit_random);
+            let way = scattered(normal, random);
             let Some((t, next)) = dent.hit(along(place, normal, OFF_MM), way) else { break };
             (place, normal) = (along(along(place, normal, OFF_MM), way, t), next);
             kept *= albedo;
@@ -195,8 +196,8 @@ pub fn bounced(
 }
 
 /// A random direction, as likely as its cosine with the normal.
-fn scattered(normal: Vector, unit_random: &mut impl FnMut() -> f64) -> Vector {
-    let (u, turn): (f64, f64) = (unit_random(), TAU * unit_random());
+fn scattered(normal: Vector, random: &mut Random) -> Vector {
+    let (u, turn): (f64, f64) = (random.unit(), TAU * random.unit());
     let aside = if normal[0].abs() < 0.5 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let s = unit(along(aside, normal, -dot(aside, normal)));
     let t =

@@ -1,7 +1,7 @@
 //! Slow truths about an orthographic view of triangles, in f64: a plain loop, and rays.
 //!
 //! `capture` works in f32: a corner's column and row are rounded by some 2^-23 of the largest number that goes into
-//! them ([`Scenery::blur_px`], about 1e-4 px for bundled objects). So a pixel near a silhouette may see either side,
+//! them (`Scenery::blur_px`, about 1e-4 px for bundled objects). So a pixel near a silhouette may see either side,
 //! and the height on a slope moves by the slope times that. [`Scenery::bounds`] turns this into two numbers that the
 //! captured height must lie between at every pixel, silhouettes and slivers included; away from them they are
 //! within 1e-5 mm of each other.

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use super::rig::{Rig, Setup};
 use super::support::bundled_objects;
-use crate::shapes::Shape;
 use gelsim_core::base::grid::{Grid, Resolution};
 use gelsim_core::base::view::{SURFACE_BORDER, View};
 use gelsim_core::depth::indenter::Indenter;
@@ -14,6 +13,7 @@ use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::total_contact::{OutsideWindow, TotalContact, measure_total_contact};
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::{Anchor, Angles, Pose, Side};
+use gelsim_oracle::shapes::Shape;
 
 /// A box `size` mm long, wide and high.
 fn block(size: [f64; 3]) -> Arc<Clusters> {

@@ -9,9 +9,9 @@ use gelsim_core::pose::Placement;
 use gelsim_job::sample::render;
 
 use super::support::{bundled_objects, capture, deepest_in_view, in_view, position, raster_without_dispatch};
-use crate::oracle::scenery::Scenery;
 use crate::plan::plan;
-use crate::shapes::{Random, Shape, UPRIGHT, matrix, moved, quarter_turn};
+use gelsim_oracle::scenery::Scenery;
+use gelsim_oracle::shapes::{Random, Shape, UPRIGHT, matrix, moved, quarter_turn};
 
 /// No pad is this thick: nothing is limited.
 const BOTTOMLESS: f64 = 1e9;

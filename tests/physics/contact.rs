@@ -8,10 +8,10 @@ use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::elastic::Elastic;
 
 use super::rig::{NOTHING, Named, OBJECTS, RESOLUTIONS, Rig, Setup};
-use crate::oracle::cut_pixels::edges;
-use crate::oracle::dense_contact::dense_contact_on_springs;
-use crate::oracle::pressed_pixel::pressed_pixel;
-use crate::shapes::Random;
+use gelsim_oracle::cut_pixels::edges;
+use gelsim_oracle::dense_contact::dense_contact_on_springs;
+use gelsim_oracle::pressed_pixel::pressed_pixel;
+use gelsim_oracle::shapes::Random;
 
 /// 16 x 16 px, 4 mm wide.
 const SMALL: [Named; 6] = [

@@ -1,5 +1,7 @@
 //! Fourier transforms and convolutions against plain ones in f64 and against sums written out.
 
+use std::f64::consts::TAU;
+
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::simd::{self, TwoWidthKernel, VectorWidth, Vectors};
 use gelsim_core::gelpad::elastic::convolve::{
@@ -9,8 +11,8 @@ use gelsim_core::gelpad::elastic::fft::{Fft, LANES, Signals, fast_length};
 use nalgebra::Complex;
 use pulp::{Arch, Scalar, Simd};
 
-use crate::oracle::fourier::Fourier;
-use crate::shapes::Random;
+use gelsim_oracle::fourier::Fourier;
+use gelsim_oracle::shapes::Random;
 
 /// A transform, or its way back, with vectors to be chosen.
 struct Run<'a> {
@@ -246,5 +248,24 @@ fn the_roughly_inverse_spectrum_undoes_a_convolution_but_for_its_cutoff() {
     torus.convolve(&inverse, &source, &mut back, &mut buffers);
     for (found, value) in back.data.iter().zip(&source.data) {
         assert!((found - value / 4.0).abs() < 1e-6, "{found} instead of a quarter of {value}");
+    }
+}
+
+#[test]
+fn transforms_are_the_sums_that_define_them() {
+    for len in 1..=60_usize {
+        let values: Vec<Complex<f64>> =
+            (0..len).map(|k| Complex::new((k * k) as f64 % 7.0 - 3.0, (5 * k) as f64 % 11.0 - 5.0)).collect();
+        for (inverse, sign) in [(false, -1.0), (true, 1.0)] {
+            let mut found = values.clone();
+            Fourier::new(len, inverse).run(&mut found);
+            for (k, found) in found.iter().enumerate() {
+                let term = |(n, value): (usize, &Complex<f64>)| {
+                    value * Complex::from_polar(1.0, sign * TAU * (k * n) as f64 / len as f64)
+                };
+                let sum: Complex<f64> = values.iter().enumerate().map(term).sum();
+                assert!((found - sum).norm() < 1e-11 * len as f64, "length {len}, frequency {k}: {found}, {sum}");
+            }
+        }
     }
 }

@@ -15,7 +15,6 @@ use gelsim_core::camera::projection::{Fisheye, LensModel, Pinhole, Projection};
 use gelsim_core::depth::CaptureWindow;
 use gelsim_core::depth::normal_capture::NormalCapture;
 use gelsim_core::mesh::clusters::Clusters;
-use gelsim_core::mesh::nearest::part_triangles;
 use gelsim_core::optics;
 use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::{Phong, Shadows};
@@ -24,7 +23,8 @@ use glam::{DQuat, DVec3};
 
 use super::support::bundled_objects;
 use crate::plan::plan;
-use crate::shapes::{Random, Shape};
+use gelsim_oracle::mesh_rays::first_met;
+use gelsim_oracle::shapes::{Random, Shape};
 
 /// A dome with a few pins, seen from straight below.
 pub fn dome(radius_mm: f64, field_mm: f64, px: usize, thickness_mm: f64) -> Sensor {
@@ -60,35 +60,6 @@ pub fn press_ball(
 
 pub fn length(force: [f64; 3]) -> f64 {
     DVec3::from_array(force).length()
-}
-
-/// The first triangle that a ray from `from` meets, in plain loops.
-pub fn first_met(object: &Clusters, pose: &Pose, from: DVec3, direction: DVec3) -> Option<f64> {
-    let centre = DVec3::from_array(object.centre_mm());
-    let mut first: Option<f64> = None;
-    object.query(
-        |_, _| true,
-        |part| {
-            for triangle in part_triangles(part) {
-                let [a, b, c] = triangle.map(|q| pose.rotation * (q + centre) + pose.translation_mm);
-                // Moeller and Trumbore.
-                let (ab, ac) = (b - a, c - a);
-                let across = direction.cross(ac);
-                let volume = ab.dot(across);
-                if volume.abs() < 1e-12 {
-                    continue;
-                }
-                let to = from - a;
-                let u = to.dot(across) / volume;
-                let beside = to.cross(ab);
-                let (v, t) = (direction.dot(beside) / volume, ac.dot(beside) / volume);
-                if u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9 && t > 0.0 {
-                    first = Some(first.map_or(t, |first| first.min(t)));
-                }
-            }
-        },
-    );
-    first
 }
 
 #[test]

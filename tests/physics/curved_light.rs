@@ -16,7 +16,7 @@ use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::{Phong, Shadows};
 use glam::DVec3;
 
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 /// The sensor without what its camera does to light.
 fn sensor(name: &str, px: [usize; 2]) -> Sensor {

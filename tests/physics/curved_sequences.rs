@@ -13,7 +13,7 @@ use gelsim_core::mesh::clusters::Clusters;
 use glam::DVec3;
 
 use super::curved::flat_and_of_a_kilometre;
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 /// How a ball moves in a frame: so deep in the end, pushed and turned in its plane by so much.
 pub struct Frame {

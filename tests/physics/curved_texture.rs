@@ -17,7 +17,7 @@ use gelsim_job::sample::render;
 use glam::DVec3;
 
 use crate::plan::plan;
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 /// What a texture cuts off in a place of a flat pad, over an object's origin.
 fn cut_mm(texture: &Texture, at: [f64; 2], yaw_deg: f64, pitch_mm: f64) -> f32 {

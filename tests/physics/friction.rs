@@ -11,11 +11,11 @@ use gelsim_job::sample::render;
 use serde_json::Value;
 
 use super::finite_elements::{self, press};
-use super::inplane::oracle;
 use super::rig::{NOTHING, OBJECTS, RESOLUTIONS, Rig, Setup};
-use crate::oracle::cut_pixels::edges;
-use crate::oracle::dense_contact::solved;
 use crate::plan::plan;
+use gelsim_oracle::cut_pixels::edges;
+use gelsim_oracle::dense_contact::solved;
+use gelsim_oracle::in_plane::displacement_by_fourier_sums;
 
 const STICK: Option<Friction> = Some(Friction::Stick);
 
@@ -192,7 +192,7 @@ impl Answers {
         one.row_mut(reach)[reach] = 1.0;
         let none = Grid::new(size, size);
         let (layer, pitch) = (rig.setup.layer(), rig.setup.mm_per_px);
-        let answer = |load| oracle(layer, load, pitch, 16.0 * layer.thickness_mm);
+        let answer = |load| displacement_by_fourier_sums(layer, load, pitch, 16.0 * layer.thickness_mm);
         let by = [answer([&one, &none, &none]), answer([&none, &one, &none]), answer([&none, &none, &one])];
         Self { reach, by, down: rig.pad.kernel().clone() }
     }

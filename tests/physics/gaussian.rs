@@ -8,7 +8,7 @@ use gelsim_core::gelpad::{Contact, Model, Pad};
 
 use super::rig::Setup;
 use super::support::{camera_of, depth_of};
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 fn pad(model: Model) -> Pad {
     let sensor = gelsim_files::sensor::Sensor::default();

@@ -17,10 +17,10 @@ use gelsim_core::mesh::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use glam::DVec3;
 
-use super::curved::first_met;
 use super::curved_sequences::{pushed, slide, wrench};
 use super::support::bundled_objects;
-use crate::shapes::Shape;
+use gelsim_oracle::mesh_rays::first_met;
+use gelsim_oracle::shapes::Shape;
 
 /// A surface that is round about z: `profile` gives the distance from the axis and the height, from the tip (0) to the rim (1).
 fn turned(meridians: usize, rings: usize, profile: impl Fn(f64) -> [f64; 2]) -> Shape {

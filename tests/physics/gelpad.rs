@@ -6,7 +6,7 @@ use gelsim_core::gelpad::Contact;
 use gelsim_core::gelpad::mean_blur::MeanBlur;
 
 use super::support::{blur_without_dispatch, depth_of, margin_of, press};
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 const BLURS: [MeanBlur; 4] = [
     MeanBlur { kernel_px: 15, passes: 5 },

@@ -4,7 +4,7 @@ use gelsim_core::base::grid::Resolution;
 use proptest::prelude::*;
 
 use super::rig::{NOTHING, RESOLUTIONS, Setup};
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 /// Kinds of penetration, in units of its depth, by column and row of a window.
 #[derive(Clone, Copy, Debug)]

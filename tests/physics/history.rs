@@ -11,8 +11,8 @@ use gelsim_core::gelpad::elastic::in_plane::Load;
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_core::gelpad::material::Material;
 
-use super::inplane::oracle;
-use crate::shapes::Random;
+use gelsim_oracle::in_plane::displacement_by_fourier_sums;
+use gelsim_oracle::shapes::Random;
 
 /// Of a ball of radius 1 mm, the side of the pressure's box, mm.
 const BOX_MM: f64 = 2.4;
@@ -473,7 +473,7 @@ impl Plain {
         unit.row_mut(pixels - 1)[pixels - 1] = 1.0;
         let room = 8.0 * layer.thickness_mm;
         let response = [[&nothing, &unit, &nothing], [&nothing, &nothing, &unit]]
-            .map(|load| oracle(layer, load, [pitch; 2], room));
+            .map(|load| displacement_by_fourier_sums(layer, load, [pitch; 2], room));
         let count = pixels * pixels;
         Self {
             pixels,
@@ -513,8 +513,12 @@ impl Plain {
         let whole = mean(&|at| self.hold[at]);
         let carried = force.map(|part| (whole[0] * force[0] + whole[1] * force[1]) / square * part);
         let nothing = Grid::new(self.pixels, self.pixels);
-        let pushed =
-            oracle(self.layer, [&load.pressure, &nothing, &nothing], [self.pitch; 2], 8.0 * self.layer.thickness_mm);
+        let pushed = displacement_by_fourier_sums(
+            self.layer,
+            [&load.pressure, &nothing, &nothing],
+            [self.pitch; 2],
+            8.0 * self.layer.thickness_mm,
+        );
         let count = self.pressure.len();
         let free: Vec<[f64; 2]> = (0..count).map(|at| [0, 1].map(|k| pushed[k].data[at])).collect();
         let anchor: Vec<[f64; 2]> = (0..count)

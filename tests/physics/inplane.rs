@@ -5,15 +5,13 @@ use std::f64::consts::TAU;
 
 use gelsim_core::base::grid::Grid;
 use gelsim_core::base::simd::scalar_only;
-use gelsim_core::gelpad::elastic::fft::fast_length;
 use gelsim_core::gelpad::elastic::in_plane::{DisplacementField, InPlaneResponse, Load, TractionField};
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_core::gelpad::elastic::shear::{Friction, Motion, ShearOutcome, solve_shear};
-use nalgebra::Complex;
 
 use super::rig::Setup;
-use crate::oracle::fourier::Fourier;
-use crate::shapes::Random;
+use gelsim_oracle::in_plane::{displacement_by_fourier_sums, least_energy_within_limits};
+use gelsim_oracle::shapes::Random;
 
 const VIEW_MM: [f64; 2] = [20.0, 15.0];
 
@@ -61,80 +59,6 @@ fn gear(deep: f64) -> impl Fn(f64, f64) -> f64 {
 
 fn square(deep: f64) -> impl Fn(f64, f64) -> f64 {
     move |x, y| if x.abs() < 2.0 && y.abs() < 2.0 { deep } else { -1.0 }
-}
-
-/// Transforms rows, then columns.
-fn transform(values: &mut [Complex<f64>], width: usize, inverse: bool) {
-    let height = values.len() / width;
-    let (rows, columns) = (Fourier::new(width, inverse), Fourier::new(height, inverse));
-    values.chunks_exact_mut(width).for_each(|row| rows.run(row));
-    let mut column = vec![Complex::default(); height];
-    for x in 0..width {
-        (0..height).for_each(|y| column[y] = values[y * width + x]);
-        columns.run(&mut column);
-        (0..height).for_each(|y| values[y * width + x] = column[y]);
-    }
-}
-
-/// Displacement at the pixels of a pressure and of tractions along x and y, from the layer's responses part by part, on
-/// a torus with `room_mm` beyond the load.
-pub fn oracle(layer: ElasticLayer, load: [&Grid<f32>; 3], mm_per_px: [f64; 2], room_mm: f64) -> [Grid<f64>; 2] {
-    let Grid { width, height, .. } = *load[0];
-    let long = |count: usize, pitch: f64| fast_length((count as f64 + room_mm / pitch) as usize);
-    let size = [long(width, mm_per_px[0]), long(height, mm_per_px[1])];
-    let spectra = load.map(|part| {
-        let mut spectrum = vec![Complex::default(); size[0] * size[1]];
-        if part.data.iter().all(|value| *value == 0.0) {
-            return spectrum;
-        }
-        for y in 0..height {
-            (0..width).for_each(|x| spectrum[y * size[0] + x].re = f64::from(part.at(x, y)));
-        }
-        transform(&mut spectrum, size[0], false);
-        spectrum
-    });
-    let pulled = spectra[1..].iter().flatten().any(|value| *value != Complex::default());
-    let i = Complex::new(0.0, 1.0);
-    // The displacements are real: both come back from one transform, along x as its real part, along y as its imaginary.
-    let mut values = vec![Complex::default(); size[0] * size[1]];
-    for y in 0..size[1] {
-        for x in 0..size[0] {
-            let frequency = |n: usize, k: usize| {
-                let signed = if 2 * n > size[k] { n as f64 - size[k] as f64 } else { n as f64 };
-                TAU * signed / (size[k] as f64 * mm_per_px[k])
-            };
-            let q = [frequency(x, 0), frequency(y, 1)];
-            let length = q[0].hypot(q[1]);
-            let unit = q.map(|part| if length > 0.0 { part / length } else { 0.0 });
-            let highest = [2 * x == size[0], 2 * y == size[1]];
-            let coupling = layer.coupling_compliance(length);
-            let (along, across) = if pulled {
-                (layer.tangential_compliance(length), layer.transverse_compliance(length))
-            } else {
-                (0.0, 0.0)
-            };
-            let at = y * size[0] + x;
-            let [u, v] = [0, 1].map(|axis| {
-                let coupling = if highest[axis] { 0.0 } else { unit[axis] * coupling };
-                let own =
-                    if length > 0.0 { along * unit[axis].powi(2) + across * unit[1 - axis].powi(2) } else { across };
-                let cross = if highest[0] || highest[1] { 0.0 } else { (along - across) * unit[0] * unit[1] };
-                let [p, t, t_cross] = [spectra[0][at], spectra[1 + axis][at], spectra[2 - axis][at]];
-                p * i * coupling + t * own + t_cross * cross
-            });
-            values[at] = (u + i * v) / (size[0] * size[1]) as f64;
-        }
-    }
-    transform(&mut values, size[0], true);
-    let mut grids = [0, 1].map(|_| Grid::new(width, height));
-    for y in 0..height {
-        for x in 0..width {
-            let value = values[y * size[0] + x];
-            grids[0].row_mut(y)[x] = value.re;
-            grids[1].row_mut(y)[x] = value.im;
-        }
-    }
-    grids
 }
 
 fn centre(origin_mm: [f64; 2], mm_per_px: [f64; 2], x: usize, y: usize) -> [f64; 2] {
@@ -213,7 +137,12 @@ fn displacement_under_pressure_agrees_with_a_fine_grid() {
         }
         for (name, load) in loads {
             let nothing = Grid::new(load.pressure.width, load.pressure.height);
-            let truth = oracle(setup.layer(), [&load.pressure, &nothing, &nothing], load.mm_per_px, 12.0 * h);
+            let truth = displacement_by_fourier_sums(
+                setup.layer(),
+                [&load.pressure, &nothing, &nothing],
+                load.mm_per_px,
+                12.0 * h,
+            );
             let [rms, worst, most] = errors_um(&inplane.under_pressure(&load), load.origin_mm, load.mm_per_px, &truth);
             println!("in plane: h {h}, nu {nu}, {name}: {rms:.3} um RMS, {worst:.2} largest, of {most:.1} um");
             assert!(rms < 0.6 && worst < 10.0 && most > 5.0, "{name}: {rms}, {worst}, {most}");
@@ -229,7 +158,8 @@ fn displacement_under_tractions_agrees_with_a_fine_grid() {
         let load = load(320, 240, mm_per_px, |x, y| disc(2.0, 0.05)(x - 1.03, y + 2.0) + disc(1.0, 0.04)(x + 5.0, y));
         let traction = pull(&load, [1.0, -0.4]);
         let nothing = Grid::new(320, 240);
-        let truth = oracle(setup.layer(), [&nothing, &traction.x, &traction.y], mm_per_px, 12.0 * h);
+        let truth =
+            displacement_by_fourier_sums(setup.layer(), [&nothing, &traction.x, &traction.y], mm_per_px, 12.0 * h);
         let field = inplane(&setup).under_traction(&traction);
         let [rms, worst, most] = errors_um(&field, load.origin_mm, mm_per_px, &truth);
         println!("in plane: h {h}, nu {nu}, pulled: {rms:.3} um RMS, {worst:.2} largest, of {most:.1} um");
@@ -484,7 +414,8 @@ fn dense(layer: ElasticLayer, pixels: &[[usize; 2]], pitch: f64) -> Vec<Vec<f64>
     let middle = size / 2;
     let (mut one, zero) = (Grid::new(size, size), Grid::new(size, size));
     one.row_mut(middle)[middle] = 1.0;
-    let under = |load: [&Grid<f32>; 3]| oracle(layer, load, [pitch; 2], 20.0 * layer.thickness_mm);
+    let under =
+        |load: [&Grid<f32>; 3]| displacement_by_fourier_sums(layer, load, [pitch; 2], 20.0 * layer.thickness_mm);
     let kernel = [under([&zero, &one, &zero]), under([&zero, &zero, &one])];
     let entry = |row: usize, column: usize| {
         let (to, from) = (pixels[row / 2], pixels[column / 2]);
@@ -492,21 +423,6 @@ fn dense(layer: ElasticLayer, pixels: &[[usize; 2]], pitch: f64) -> Vec<Vec<f64>
     };
     let count = 2 * pixels.len();
     (0..count).map(|row| (0..count).map(|column| entry(row, column)).collect()).collect()
-}
-
-/// Least energy within limits, by plain projected gradients, step after step.
-fn slow(matrix: &[Vec<f64>], wanted: &[f64], limits: &[f64]) -> Vec<f64> {
-    let most = matrix.iter().map(|row| row.iter().map(|value| value.abs()).sum::<f64>()).fold(0.0, f64::max);
-    let mut t = vec![0.0; wanted.len()];
-    for _ in 0..20_000 {
-        let moved: Vec<f64> = matrix.iter().map(|row| row.iter().zip(&t).map(|(a, b)| a * b).sum()).collect();
-        for (k, limit) in limits.iter().enumerate() {
-            let [x, y] = [2 * k, 2 * k + 1].map(|at| t[at] - (moved[at] - wanted[at]) / most);
-            let scale = (limit / x.hypot(y)).min(1.0);
-            (t[2 * k], t[2 * k + 1]) = (scale * x, scale * y);
-        }
-    }
-    t
 }
 
 #[test]
@@ -523,7 +439,7 @@ fn tractions_agree_with_dense_matrices() {
     let wanted: Vec<f64> = places.flat_map(|[x, y]| [0.06 - 0.1 * (y + 0.2), 0.02 + 0.1 * (x - 0.1)]).collect();
     for (friction, factor) in [(Friction::Stick, 1e9), (Friction::Coulomb { coefficient: 2.0 }, 2.0)] {
         let limits: Vec<f64> = pixels.iter().map(|[x, y]| factor * f64::from(load.pressure.at(*x, *y))).collect();
-        let truth = slow(&matrix, &wanted, &limits);
+        let truth = least_energy_within_limits(&matrix, &wanted, &limits);
         let (traction, outcome) = solve_shear(layer, &load, motion, friction);
         let ShearOutcome { force, slipping, iterations, .. } = outcome;
         let corner = [0, 1].map(|k| ((traction.origin_mm[k] - load.origin_mm[k]) / pitch).round() as usize);

@@ -16,7 +16,7 @@ use gelsim_job::plan::frames::FrameSettings;
 use gelsim_job::plan::standalone;
 use glam::{DQuat, DVec3};
 
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 const CAMERA: DepthCamera = DepthCamera {
     unit: DepthUnit::Millimetre,

@@ -15,9 +15,10 @@ use gelsim_job::plan::Plan;
 use gelsim_job::sample::render;
 
 use super::support::{camera_of, contact_of, led, position, sensor};
-use crate::oracle::ray_tracer::{Dent, Lamp, bounced as traced};
 use crate::plan::plan;
-use crate::shapes::Random;
+use gelsim_oracle::pixel_pairs::bounced_from_all;
+use gelsim_oracle::ray_tracer::{Dent, Lamp, bounced};
+use gelsim_oracle::shapes::Random;
 
 /// Share of the light that the pad's coating gives back.
 const ALBEDO: f64 = 0.5;
@@ -51,38 +52,6 @@ fn direct(camera: &View, leds: &[Led], contact: &Contact) -> Vec<[f64; 3]> {
     light
 }
 
-/// What each pixel gets of what all others give back of `light`.
-fn bounced(camera: &View, contact: &Contact, light: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let surface = contact.surface.inner(1);
-    let normals: Vec<[f64; 3]> = surface_normals(contact, camera).into_iter().map(|n| n.map(f64::from)).collect();
-    let width = camera.resolution_px[0];
-    let places: Vec<[f64; 3]> = (0..light.len())
-        .map(|at| {
-            let [x, y] = camera.point_mm([(at % width) as f64 + 0.5, (at / width) as f64 + 0.5]);
-            // Towards the camera is down.
-            [x, y, -f64::from(surface.data[at])]
-        })
-        .collect();
-    let pixel_mm2 = camera.mm_per_px[0] * camera.mm_per_px[1];
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let to = |here: usize| {
-        let mut sum = [0.0; 3];
-        for there in (0..light.len()).filter(|there| *there != here) {
-            let way = std::array::from_fn(|k| places[there][k] - places[here][k]);
-            let (arrives, leaves) = (dot(normals[here], way), -dot(normals[there], way));
-            if arrives > 0.0 && leaves > 0.0 {
-                let square = dot(way, way);
-                // A steep pixel has more area than it shows.
-                let area = pixel_mm2 / -normals[there][2];
-                let share = ALBEDO * arrives * leaves * area / (std::f64::consts::PI * square * square);
-                (0..3).for_each(|k| sum[k] += share * light[there][k]);
-            }
-        }
-        sum
-    };
-    (0..light.len()).map(to).collect()
-}
-
 /// Mean, 95th percentile and maximum.
 fn spread(mut values: Vec<f64>) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
@@ -98,7 +67,7 @@ fn a_bounce_of_light_is_little_beside_what_the_press_changes() {
         let contact = render(&plan, 0).impression.contact;
         let (camera, leds) = (plan.simulator.view(), &plan.job().sensor.led);
         let light = direct(camera, leds, &contact);
-        let bounce = bounced(camera, &contact, &light);
+        let bounce = bounced_from_all(camera, &contact, &light, ALBEDO);
         assert!(bounce.iter().flatten().all(|light| light.is_finite() && *light >= 0.0));
         let flat = direct(camera, leds, &contact_of(camera, |_| 0.0));
         let levels = 255.0 * plan.simulator.models().optics.phong().expect("LEDs").diffuse;
@@ -132,7 +101,7 @@ fn a_flat_pad_throws_no_light_at_itself() {
     let flat = contact_of(camera, |_| 0.0);
     let light = direct(camera, &plan.job().sensor.led, &flat);
     assert!(light.iter().flatten().all(|light| *light > 0.0));
-    assert!(bounced(camera, &flat, &light).iter().flatten().all(|light| *light == 0.0));
+    assert!(bounced_from_all(camera, &flat, &light, ALBEDO).iter().flatten().all(|light| *light == 0.0));
 }
 
 #[test]
@@ -147,7 +116,7 @@ fn one_bounce_between_all_pairs_is_what_random_paths_bring() {
         let camera = camera_of(&sensor);
         let contact = contact_of(&camera, |at| dent.height(at));
         let light = direct(&camera, &leds, &contact);
-        let pairs = bounced(&camera, &contact, &light);
+        let pairs = bounced_from_all(&camera, &contact, &light, ALBEDO);
         let lamps = leds.each_ref().map(|led| Lamp::new(led, false));
         let mut random = Random(1);
         let mut sums = [0.0; 4];
@@ -157,7 +126,7 @@ fn one_bounce_between_all_pairs_is_what_random_paths_bring() {
             if dent.beyond_edge(place) > 1.0 || dent.beyond_edge(place).abs() < 0.2 {
                 continue;
             }
-            let [first, all] = traced(dent, dent.point_seen(place), &lamps, ALBEDO, 200, &mut || random.unit());
+            let [first, all] = bounced(dent, dent.point_seen(place), &lamps, ALBEDO, 200, &mut random);
             for (sum, value) in sums.iter_mut().zip([light[0], pairs[0], first, all]) {
                 *sum += value;
             }

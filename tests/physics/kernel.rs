@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use gelsim_core::gelpad::elastic::kernel::layer_kernel;
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 
-use crate::oracle::pressed_pixel::pressed_pixel;
+use gelsim_oracle::pressed_pixel::pressed_pixel;
 
 /// The same on the grid's frequencies only, summed over a torus of `size` px, each weighted by the pixel's share in it.
 fn pressed_pixel_on_grid(layer: ElasticLayer, pitch: [f64; 2], lag: [usize; 2], size: usize) -> f64 {

@@ -13,7 +13,7 @@ use gelsim_job::layers::OutputLayer;
 use gelsim_job::sample::render;
 
 use crate::plan::plan;
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 /// Pixels of the device's image.
 const FULL_PX: [f64; 2] = [2464.0, 2056.0];

@@ -7,8 +7,8 @@ use gelsim_core::optics::led::Led;
 use gelsim_core::optics::phong::{Phong, Shadows, SoftShadows};
 
 use super::support::{camera_of, contact_of, grey, led, light_at, light_of, position, sensor};
-use crate::oracle::ray_tracer::{Dent, Lamp, Light, bounced};
-use crate::shapes::Random;
+use gelsim_oracle::ray_tracer::{Dent, Lamp, Light, bounced};
+use gelsim_oracle::shapes::Random;
 
 /// A ball, pressed in as deep as in a usual job.
 const BALL: Dent = Dent::Ball { radius: 4.0, deep: 0.8 };
@@ -185,7 +185,7 @@ fn the_rays_cast_shadows_and_bounce_as_closed_forms_say() {
     let mut random = Random(3);
     for away in [0.1, 0.4, 1.5] {
         let seen = block.point_seen([-2.0 - away, 0.0]);
-        let [first, all] = bounced(block, seen, &[lamp], 0.5, 400_000, &mut || random.unit());
+        let [first, all] = bounced(block, seen, &[lamp], 0.5, 400_000, &mut random);
         // A rectangle in a plane at right angles to the place's own, which it ends at, in two halves.
         let (b, slant) = (2.0_f64, (away * away + 0.8 * 0.8_f64).sqrt());
         let factor = ((b / away).atan() - away / slant * (b / slant).atan()) / std::f64::consts::PI;

@@ -18,10 +18,10 @@ use super::support::{
     camera_of, contact_of, depth_of, expose, grey, led, light_at, margin_of, normals, position, press, sensor, shade,
 };
 use crate::is_flat;
-use crate::oracle::pipeline_f64::place_in_view;
-use crate::oracle::shading::{brightness, phong};
 use crate::plan::plan;
-use crate::shapes::Random;
+use gelsim_oracle::pipeline_f64::place_in_view;
+use gelsim_oracle::shading::{brightness, phong};
+use gelsim_oracle::shapes::Random;
 
 const PAPERS_LEDS: [(f64, f64); 4] = [(-1.0, 0.0), (0.0, -1.0), (1.0, 0.0), (0.0, 1.0)];
 

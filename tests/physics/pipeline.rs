@@ -3,8 +3,8 @@
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_job::sample::render;
 
-use crate::oracle::pipeline_f64::{blurred, light_of, penetration};
 use crate::plan::plan;
+use gelsim_oracle::pipeline_f64::{blurred, light_of, penetration};
 
 /// More than the blur reaches, 35 px, so that the reference has a border of its own.
 const MARGIN: usize = 50;

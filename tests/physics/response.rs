@@ -8,7 +8,7 @@ use gelsim_core::gelpad::elastic::convolve::FftPlans;
 use gelsim_core::gelpad::elastic::layer::ElasticLayer;
 use gelsim_core::gelpad::elastic::response::{Operator, OperatorBuffers, PressureResponse};
 
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 /// Thickness, mm, Poisson ratio, pixels, mm; the grids of all levels at 640x480 and 320x240, and pixels that are not square.
 const CASES: [(f64, f64, [f64; 2]); 9] = [

@@ -10,9 +10,9 @@ use gelsim_job::sample::Sample;
 use gelsim_job::sample::render;
 
 use super::support::{member, position};
-use crate::oracle::scenery::Scenery;
 use crate::plan::plan;
-use crate::shapes::{Shape, matrix, moved};
+use gelsim_oracle::scenery::Scenery;
+use gelsim_oracle::shapes::{Shape, matrix, moved};
 
 const FACES: [(&str, [f64; 3]); 6] = [
     ("-x", [-1.0, 0.0, 0.0]),

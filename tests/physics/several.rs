@@ -18,8 +18,8 @@ use gelsim_job::scene::{PressSource, Scene};
 
 use super::support::member;
 use crate::plan::{plan, repository};
-use crate::shapes::{Random, Shape, matrix, moved};
 use gelsim_core::pose::Placement;
+use gelsim_oracle::shapes::{Random, Shape, matrix, moved};
 
 const OBJECTS: [&str; 6] = ["cube", "letter", "hexagon_nut", "sphere", "prism_corner", "key"];
 

@@ -5,32 +5,18 @@ use gelsim_core::base::simd::scalar_only;
 use gelsim_core::base::view::SURFACE_BORDER;
 use gelsim_core::optics::shadow::{ShadowCaster, ShadowScratch, SteepestSlopes, compute_visible_shares};
 
-use crate::shapes::Random;
+use gelsim_oracle::marched_rays::{Led, marched_shares};
+use gelsim_oracle::shapes::Random;
 
 const AZIMUTHS: [f64; 10] = [0.0, 90.0, 180.0, 270.0, 30.0, 45.0, 120.0, 240.0, 277.3, 341.0];
 
-/// An LED and the pixels under it.
-#[derive(Clone, Copy, Debug)]
-struct Led {
-    azimuth: f64,
-    elevation: f64,
-    size: f64,
-    pitch: [f64; 2],
-}
-
-impl Led {
-    fn caster(self) -> ShadowCaster {
-        ShadowCaster::new(self.azimuth, self.elevation, [self.size; 2], self.pitch)
-    }
-
-    fn slopes(self) -> [f64; 2] {
-        [-0.5, 0.5].map(|side| (self.elevation + side * self.size).to_radians().tan())
-    }
+fn caster(led: Led) -> ShadowCaster {
+    ShadowCaster::new(led.azimuth, led.elevation, [led.size; 2], led.pitch)
 }
 
 /// What a part of the view sees of the LED.
 fn visible_shares(led: Led, surface: &Grid<f32>, region: Rect, scratch: &mut ShadowScratch) -> Vec<f32> {
-    compute_visible_shares(&[Some(led.caster())], surface, region, scratch).remove(0)
+    compute_visible_shares(&[Some(caster(led))], surface, region, scratch).remove(0)
 }
 
 /// What the view sees of the LED.
@@ -49,52 +35,6 @@ fn surface_of(width: usize, height: usize, value: impl Fn(f64, f64) -> f64) -> G
         }
     }
     surface
-}
-
-/// The surface between pixel centres, or nothing beyond the outermost ones.
-fn height_at(surface: &Grid<f32>, x: f64, y: f64) -> Option<f64> {
-    let (right, bottom) = (surface.width as f64 - 1.0, surface.height as f64 - 1.0);
-    if !(0.0..=right).contains(&x) || !(0.0..=bottom).contains(&y) {
-        return None;
-    }
-    let (x0, y0) = (x.min(right - 1.0).floor(), y.min(bottom - 1.0).floor());
-    let at = |dx: usize, dy: usize| f64::from(surface.at(x0 as usize + dx, y0 as usize + dy));
-    let (fx, fy) = (x - x0, y - y0);
-    let above = at(0, 0) * (1.0 - fx) + at(1, 0) * fx;
-    let below = at(0, 1) * (1.0 - fx) + at(1, 1) * fx;
-    Some(above * (1.0 - fy) + below * fy)
-}
-
-/// Half the width of an LED, in which rays are marched side by side, and how much each of them counts: as much as a disc
-/// is high there.
-fn disc() -> impl Iterator<Item = (f64, f64)> {
-    (-4..=4).map(|k| f64::from(k) / 4.5).map(|aside| (aside, (1.0 - aside * aside).sqrt()))
-}
-
-/// The horizon that rays find by small steps, and the share of the LED that is over it.
-fn marched(led: Led, surface: &Grid<f32>) -> Grid<f64> {
-    let mm = 0.5 * led.pitch[0].min(led.pitch[1]);
-    let [lowest, highest] = led.slopes();
-    let mut found = Grid::<f64>::new(surface.width - 2 * SURFACE_BORDER, surface.height - 2 * SURFACE_BORDER);
-    let whole: f64 = disc().map(|(_, weight)| weight).sum();
-    for (aside, weight) in disc() {
-        let (sin, cos) = (led.azimuth + 0.5 * aside * led.size).to_radians().sin_cos();
-        for y in 0..found.height {
-            for x in 0..found.width {
-                let (x0, y0) = ((x + SURFACE_BORDER) as f64, (y + SURFACE_BORDER) as f64);
-                let here = f64::from(surface.at(x + SURFACE_BORDER, y + SURFACE_BORDER));
-                let ray = (1..).map(|k| f64::from(k) * mm);
-                let rises = ray.map_while(|d| {
-                    let there = height_at(surface, x0 + d * cos / led.pitch[0], y0 + d * sin / led.pitch[1])?;
-                    Some((there - here) / d)
-                });
-                let horizon = rises.fold(f64::NEG_INFINITY, f64::max);
-                let share = ((highest - horizon) / (highest - lowest)).clamp(0.0, 1.0);
-                found.row_mut(y)[x] += share * weight / whole;
-            }
-        }
-    }
-    found
 }
 
 /// By how much `found` leaves the range of what `expected` has within one pixel: largest and on the mean.
@@ -150,7 +90,7 @@ fn the_sweep_sees_what_marched_rays_see_within_a_pixel() {
         for elevation in [8.53, 20.0, 45.0] {
             for azimuth in [0.0, 90.0, 45.0, 120.0, 277.3] {
                 let led = Led { azimuth, elevation, size: 5.0, pitch: [0.06, 0.05] };
-                let (found, expected) = (shares(led, &surface), marched(led, &surface));
+                let (found, expected) = (shares(led, &surface), marched_shares(led, &surface));
                 let (largest, mean) = outside(&found, &expected);
                 // Where penumbras overlap one obstacle stands for all.
                 assert!(largest < 0.7 && mean < 5e-4, "{led:?}: {largest} and {mean} beyond the neighbours");
@@ -213,17 +153,20 @@ fn a_long_shadows_side_softens_in_proportion_to_the_distance() {
             180 => (299.0 - x, y),
             _ => (299.0 - y, x),
         };
+        let place = |towards: usize, aside: usize| match azimuth as u32 {
+            0 => (towards, aside),
+            90 => (aside, towards),
+            180 => (299 - towards, aside),
+            _ => (aside, 299 - towards),
+        };
         let block = |(towards, aside): (f64, f64)| towards >= 290.0 && aside >= 150.0;
         let surface = surface_of(300, 300, |x, y| if block(seen_from(x, y)) { 2.0 } else { 0.0 });
         let found = shares(led, &surface);
-        for distance in [2.0, 8.0, 30.0, 60.0, 100.0, 200.0] {
-            let half_px = distance * (0.5 * size).to_radians().tan();
+        for distance in [2, 8, 30, 60, 100, 200] {
+            let half_px = distance as f64 * (0.5 * size).to_radians().tan();
             for aside in 0..300 {
-                let (x, y) = (0..300 * 300)
-                    .map(|at| (at % 300, at / 300))
-                    .find(|(x, y)| seen_from(*x as f64, *y as f64) == (290.0 - distance, f64::from(aside)))
-                    .unwrap();
-                let off = (149.5 - f64::from(aside)) / half_px;
+                let (x, y) = place(290 - distance, aside);
+                let off = (149.5 - aside as f64) / half_px;
                 let (share, expected) = (f64::from(found.at(x, y)), 1.0 - share_behind_edge(off));
                 let edge = 0.5 / half_px.max(1.0);
                 assert!(
@@ -257,7 +200,7 @@ fn no_shadow_reaches_further_than_said() {
         let led = Led { azimuth, elevation: 14.0, size: 8.0, pitch: [0.03, 0.04] };
         let inside = |x: f64, y: f64| ((x - 80.0) * 0.03).hypot((y - 60.0) * 0.04);
         let surface = surface_of(161, 121, |x, y| if inside(x, y) < 0.3 { 0.25 } else { 0.0 });
-        let [[left, right], [up, down]] = led.caster().shadow_extent_px(0.25);
+        let [[left, right], [up, down]] = caster(led).shadow_extent_px(0.25);
         let found = shares(led, &surface);
         let mut furthest = 0.0_f64;
         for at in (0..found.data.len()).filter(|at| found.data[*at] < 1.0) {
@@ -299,7 +242,7 @@ fn an_led_that_casts_nothing_is_seen_whole_everywhere() {
             let most = slope * pitch[0].min(pitch[1]);
             surface.data.iter_mut().for_each(|value| *value = random.within(0.0, most) as f32);
         }
-        let casts = led.caster().casts_shadow(&SteepestSlopes::new(&surface, pitch));
+        let casts = caster(led).casts_shadow(&SteepestSlopes::new(&surface, pitch));
         counts[usize::from(casts)] += 1;
         let found = shares(led, &surface);
         assert!(casts || found.data.iter().all(|share| *share == 1.0), "{led:?}, slope {slope}");
@@ -316,7 +259,7 @@ fn a_slope_casts_exactly_if_it_rises_faster_than_the_lowest_ray() {
         for (share_of_lowest, expected) in [(0.98, false), (1.02, true), (-3.0, false)] {
             let slope = share_of_lowest * led.slopes()[0];
             let surface = surface_of(40, 30, |x, y| slope * (x * pitch[0] * cos + y * pitch[1] * sin));
-            let casts = led.caster().casts_shadow(&SteepestSlopes::new(&surface, pitch));
+            let casts = caster(led).casts_shadow(&SteepestSlopes::new(&surface, pitch));
             assert_eq!(casts, expected, "{azimuth}, {share_of_lowest}");
             assert_eq!(shares(led, &surface).data.iter().any(|share| *share < 1.0), expected);
         }

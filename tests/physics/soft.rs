@@ -17,7 +17,7 @@ use gelsim_core::pose::{Anchor, Angles, Side};
 
 use super::reference_solutions as reference;
 use super::rig::{NOTHING, OBJECTS, RESOLUTIONS, Rig, Setup};
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 const YOUNG: f64 = 100.0;
 const RADIUS: f64 = 10.0;

@@ -18,8 +18,8 @@ use gelsim_files::sensor::Sensor;
 use gelsim_job::sample::render;
 
 use super::support::{camera_of, contact_of, grey, light_at, light_of};
-use crate::oracle::path_tracer::{Scene, Ways};
 use crate::plan::plan;
+use gelsim_oracle::path_tracer::{Scene, Ways};
 
 /// Grey level of the untouched pad in its middle.
 const REST_LEVEL: f64 = 110.0;

@@ -6,8 +6,8 @@ use gelsim_core::effects::{Effect, EffectPolicy};
 use gelsim_job::plan::Plan;
 use gelsim_job::sample::{Sample, render};
 
-use crate::oracle::dense_contact::solved;
 use crate::plan::plan;
+use gelsim_oracle::dense_contact::solved;
 
 /// A cube pressed into a pad without grain by 0.4 mm, 0.05 mm per pixel.
 fn cube(gelpad: &str, pose: &str) -> Plan {

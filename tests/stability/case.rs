@@ -15,7 +15,7 @@ use gelsim_job::config::{self, Overrides};
 use gelsim_job::plan::Plan;
 
 use super::sound::{self, Figures};
-use crate::shapes::{Format, Shape};
+use gelsim_oracle::shapes::{Format, Shape};
 
 /// What a sample wears.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

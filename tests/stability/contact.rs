@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use super::case::{Case, Extent, Touches, run};
 use crate::cases::check_cases;
-use crate::shapes::{Random, Shape};
+use gelsim_oracle::shapes::{Random, Shape};
 
 const PX: [u32; 2] = [48, 36];
 const PITCH: [f64; 2] = [0.4; 2];

@@ -8,7 +8,7 @@ use gelsim_core::fidelity::Fidelity;
 use super::case::{Case, Dress};
 use super::sound;
 use crate::random_jobs::extremes;
-use crate::shapes::{Random, Shape};
+use gelsim_oracle::shapes::{Random, Shape};
 
 fn pick<T: Copy>(random: &mut Random, values: &[T]) -> T {
     values[(random.unit() * values.len() as f64) as usize]

@@ -10,7 +10,7 @@ use gelsim_core::camera::projection::{LensModel, Pinhole};
 use gelsim_core::mesh::clusters::Clusters;
 use glam::{DQuat, DVec3};
 
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 /// A ball around the origin.
 fn ball(radius_mm: f64) -> Arc<Clusters> {

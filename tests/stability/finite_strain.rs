@@ -14,7 +14,7 @@ use gelsim_core::gelpad::{Contact, Model, Theory};
 
 use crate::physics::rig::{NOTHING, Rig, Setup};
 use crate::physics::symmetry::WAYS;
-use crate::shapes::Random;
+use gelsim_oracle::shapes::Random;
 
 /// What the effect says of a press that it corrects.
 const LARGE: &str = "large strains change the surface";

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use super::case::{Case, Extent, Touches, run};
 use crate::cases::check_cases;
-use crate::shapes::{Format, Random, Shape};
+use gelsim_oracle::shapes::{Format, Random, Shape};
 
 /// Triangles in the plane z = 0, at random within `half` mm of its middle.
 fn coincident(count: usize, half: f64) -> Shape {

@@ -10,7 +10,7 @@ use gelsim_lab::calibrate::{Geometry, build_table};
 
 use super::case::{Case, Dress, run};
 use crate::cases::check_cases;
-use crate::shapes::Shape;
+use gelsim_oracle::shapes::Shape;
 
 fn photograph(width: u32, height: u32, level: u8) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());

@@ -12,7 +12,7 @@ use gelsim_job::plan::Plan;
 use gelsim_job::sample::{Sample, render};
 
 use super::press::{Extras, GENERIC, Numbers, Setting, errors_of_light};
-use crate::oracle::pipeline_f64::{blurred, lags, largest, penetration, pressed, pressure_on_squares};
+use gelsim_oracle::pipeline_f64::{blurred, lags, largest, penetration, pressed, pressure_on_squares};
 
 /// 12 x 9 mm in pixels of 0.25 mm, on a pad that is 2.1 mm thick.
 const SETTING: Setting<'_> = Setting {

@@ -12,8 +12,8 @@ use gelsim_job::plan::Plan;
 use gelsim_job::sample::Sample;
 use gelsim_job::scene::Scene;
 
-use crate::oracle::pipeline_f64::{apart, light_of, misrounded, normals_of, turned_deg};
 use crate::plan::plan;
+use gelsim_oracle::pipeline_f64::{apart, light_of, misrounded, normals_of, turned_deg};
 
 /// The numbers of a press, each of which can be moved alone.
 #[derive(Clone, Copy, Debug, PartialEq)]

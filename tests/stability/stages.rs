@@ -15,8 +15,8 @@ use gelsim_job::sample::render;
 use gelsim_job::scene::Scene;
 
 use super::press::{GENERIC, Setting, errors_of_light, image_everywhere, light_everywhere};
-use crate::oracle::pipeline_f64::{misrounded, slopes_of};
-use crate::oracle::shading::phong;
+use gelsim_oracle::pipeline_f64::{misrounded, slopes_of};
+use gelsim_oracle::shading::phong;
 
 fn exact(surface: &Grid<f32>) -> Grid<f64> {
     Grid { width: surface.width, height: surface.height, data: surface.data.iter().map(|w| f64::from(*w)).collect() }
