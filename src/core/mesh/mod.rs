@@ -3,6 +3,8 @@
 
 pub mod cleaning;
 pub mod clusters;
+pub mod extents;
+pub mod facets;
 pub mod nearest;
 pub mod surface;
 

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use gelsim_core::base::view::View;
-use gelsim_core::mesh::Mesh;
+use gelsim_core::mesh::{Mesh, extents};
 use gelsim_files::length::is_plausible_length;
 use gelsim_files::sensor::quantity::Quantity;
 use gelsim_files::sensor::{Sensor, read_preset};
@@ -57,6 +57,11 @@ impl SensorPad {
         self.mm_per_px[0].max(self.mm_per_px[1])
     }
 
+    /// Returns the number of pixel rows that a mesh's triangles fill in a capture of one of its sides.
+    pub fn count_capture_rows(&self, mesh: &Mesh) -> f64 {
+        extents::count_capture_rows(mesh, self.field_of_view_mm, self.mm_per_px[1])
+    }
+
     /// Returns the view with every pixel divided into `by` times `by`.
     fn subdivided_view(&self, by: usize) -> View {
         View { resolution_px: self.resolution_px.map(|px| px * by), mm_per_px: self.mm_per_px.map(|mm| mm / by as f64) }
@@ -102,13 +107,10 @@ impl MeshSize {
     /// Measures a mesh.
     pub fn new(mesh: &Mesh, mm_per_unit: f64, states_its_unit: bool) -> Self {
         let known_from = states_its_unit.then_some(SizeSource::File);
-        // A mesh is centred: its bounding box has its middle at zero.
-        let half = |k: usize| mesh.vertices.iter().map(|vertex| vertex[k].abs()).fold(0.0, f32::max);
-        let square = |vertex: &[f32; 3]| vertex.iter().map(|at| f64::from(*at) * f64::from(*at)).sum::<f64>();
         Self {
-            size_mm: [0, 1, 2].map(|k| 2.0 * f64::from(half(k))),
+            size_mm: extents::half_extents_mm(mesh).map(|mm| 2.0 * f64::from(mm)),
             centre_mm: mesh.centre_mm,
-            radius_mm: mesh.vertices.iter().map(square).fold(0.0, f64::max).sqrt(),
+            radius_mm: extents::radius_mm(mesh),
             mm_per_unit,
             known_from,
         }

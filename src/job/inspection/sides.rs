@@ -10,7 +10,6 @@ use serde::Serialize;
 use super::SensorPad;
 use crate::config::scene::Face;
 use gelsim_core::depth::{CaptureWindow, Depth, capture_mesh, thinness};
-use gelsim_core::mesh::cleaning::Mesh;
 use gelsim_core::mesh::clusters::Clusters;
 use gelsim_core::pose::Anchor;
 use gelsim_core::pose::{Angles, Pose};
@@ -59,28 +58,6 @@ const BLUNTING: f64 = 0.05;
 
 /// The most pixel rows per capture for which sides are captured: about half a second at the sensor's resolution.
 pub const MAX_ROWS: f64 = 1.5e7;
-
-/// Returns the number of pixel rows that triangles fill in a capture of a side in the middle of the view, as the mean
-/// of the six sides.
-pub fn count_capture_rows(mesh: &Mesh, pad: &SensorPad) -> f64 {
-    // The object's axes along the image's x and y. Opposite sides have the same ones but for signs.
-    const AXES: [[usize; 2]; 3] = [[2, 1], [0, 2], [0, 1]];
-    let half = pad.field_of_view_mm.map(|mm| (mm / 2.0) as f32);
-    let mut mm = 0.0;
-    for triangle in &mesh.triangles {
-        let corners = triangle.map(|vertex| mesh.vertices[vertex as usize]);
-        let span = |axis: usize, half: f32| {
-            let [a, b, c] = corners.map(|corner| corner[axis]);
-            a.max(b).max(c).min(half) - a.min(b).min(c).max(-half)
-        };
-        for [x, y] in AXES {
-            if span(x, half[0]) >= 0.0 {
-                mm += f64::from(span(y, half[1]).max(0.0));
-            }
-        }
-    }
-    mm / pad.mm_per_px[1] / AXES.len() as f64
-}
 
 /// Captures all sides of an object of this size, mm.
 pub fn capture_sides(object: &Clusters, size_mm: [f64; 3], pad: &SensorPad) -> Vec<SideReport> {

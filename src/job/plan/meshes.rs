@@ -11,12 +11,13 @@ use serde::Serialize;
 use super::faces;
 use super::geometry::{FileContent, Geometry, MeshFile, MeshStore, read_file};
 use super::mesh_cache::{FileState, MeshCache};
-use super::mesh_facts::{Facets, MeshFacts, find_level_side};
+use super::mesh_facts::{MeshFacts, find_level_side};
 use crate::config::Job;
 use crate::config::object::{Object, Parts};
 use crate::config::scene::Face;
-use crate::inspection::{MeshSize, SensorPad, sides};
+use crate::inspection::{MeshSize, SensorPad};
 use gelsim_core::mesh::clusters::Clusters;
+use gelsim_core::mesh::facets::Facets;
 use gelsim_core::mesh::{CleanupReport, Mesh};
 use gelsim_core::pose::Side;
 use gelsim_files::diagnostic::Diagnostic;
@@ -124,7 +125,7 @@ impl<'a> Reading<'a> {
             facets,
             cleaned,
             size,
-            rows_per_capture: sides::count_capture_rows(mesh, self.pad),
+            rows_per_capture: self.pad.count_capture_rows(mesh),
             knows_its_unit: true,
             sha256,
             packages: Vec::new(),

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 
-use super::mesh_facts::{Facets, MeshFacts, find_level_side};
+use super::mesh_facts::{MeshFacts, find_level_side};
 use crate::config::Job;
 use crate::config::scene::Face;
 use crate::inspection::MeshSize;
+use gelsim_core::mesh::facets::Facets;
 use gelsim_core::pose::Anchor;
 use gelsim_files::diagnostic::Diagnostic;
 use gelsim_files::number_format::format_number;

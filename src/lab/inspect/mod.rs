@@ -110,7 +110,7 @@ impl MeshFacts {
             let largest_mm = largest_mm / mm_per_unit * other.mm_per_unit();
             UnitReading { unit: other, largest_mm, plausible: is_plausible_length(largest_mm, pad.field_of_view_mm) }
         });
-        let rows_per_capture = sides::count_capture_rows(&mesh, pad);
+        let rows_per_capture = pad.count_capture_rows(&mesh);
         let is_captured =
             (pad.pixel_size_mm()..=MAX_EXTENT_MM).contains(&largest_mm) && rows_per_capture <= sides::MAX_ROWS;
         let (sides, auto_face) = if is_captured {
