@@ -1,5 +1,5 @@
-//! Images in a user's formats: PNG, JPEG, BMP, TIFF or WebP. They are read as what their first bytes say, and written as what
-//! their names say.
+//! Images in a user's formats: PNG, JPEG, BMP, TIFF or WebP. They are read as what their first bytes say, and written
+//! as what their names say.
 
 use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;

@@ -88,8 +88,8 @@ pub fn displacement_by_fourier_sums(
     grids
 }
 
-/// Tractions of the least energy within limits, by plain projected gradients, step after step. Entries 2k and 2k + 1 are the
-/// parts of pixel k.
+/// Tractions of the least energy within limits, by plain projected gradients, step after step. Entries 2k and 2k + 1 are
+/// the parts of pixel k.
 pub fn least_energy_within_limits(matrix: &[Vec<f64>], wanted: &[f64], limits: &[f64]) -> Vec<f64> {
     let most = matrix.iter().map(|row| row.iter().map(|value| value.abs()).sum::<f64>()).fold(0.0, f64::max);
     let mut t = vec![0.0; wanted.len()];

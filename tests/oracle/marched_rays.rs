@@ -43,7 +43,8 @@ fn disc() -> impl Iterator<Item = (f64, f64)> {
     (-4..=4).map(|k| f64::from(k) / 4.5).map(|aside| (aside, (1.0 - aside * aside).sqrt()))
 }
 
-/// What each pixel of the view sees of the LED, 0 to 1: the share of it that is over the horizon which rays find by small steps.
+/// What each pixel of the view sees of the LED, 0 to 1: the share of it over the horizon. Rays find the horizon by small
+/// steps.
 pub fn marched_shares(led: Led, surface: &Grid<f32>) -> Grid<f64> {
     let mm = 0.5 * led.pitch[0].min(led.pitch[1]);
     let [lowest, highest] = led.slopes();

@@ -4,6 +4,8 @@ use gelsim_core::base::view::View;
 use gelsim_core::gelpad::Contact;
 use gelsim_core::optics::normals::surface_normals;
 
+use super::vectors::{Vector, dot};
+
 /// What each pixel gets of what all others give back of `light`, a share of `albedo`.
 pub fn bounced_from_all(camera: &View, contact: &Contact, light: &[[f64; 3]], albedo: f64) -> Vec<[f64; 3]> {
     let surface = contact.surface.inner(1);
@@ -17,11 +19,10 @@ pub fn bounced_from_all(camera: &View, contact: &Contact, light: &[[f64; 3]], al
         })
         .collect();
     let pixel_mm2 = camera.mm_per_px[0] * camera.mm_per_px[1];
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let to = |here: usize| {
         let mut sum = [0.0; 3];
         for there in (0..light.len()).filter(|there| *there != here) {
-            let way = std::array::from_fn(|k| places[there][k] - places[here][k]);
+            let way: Vector = std::array::from_fn(|k| places[there][k] - places[here][k]);
             let (arrives, leaves) = (dot(normals[here], way), -dot(normals[there], way));
             if arrives > 0.0 && leaves > 0.0 {
                 let square = dot(way, way);

@@ -1,4 +1,5 @@
-//! Differences between two results: images, pad surfaces, and figures of many samples.
+//! Differences between two results: images, pad surfaces, and figures of many samples. Also what is measured of a
+//! picture alone ([`image_stats`]) and of several of one sensor ([`noise`]).
 //!
 //! Nothing here knows where the two came from: a fidelity level and its reference, or a real image and a simulated one.
 

@@ -3,6 +3,8 @@
 //! From coarse to fine: the disc with the steepest change of colour (`search.rs`), the disc that leaves the least of
 //! the change unexplained (`fit.rs`), the rim (`rim.rs`). Expects one ball whose contact takes 5 to 60 % of the smaller
 //! side; part of the disc may be out of view. The constants were chosen on presses of six real sensors.
+//!
+//! [`align`] finds the shift between what two presses change in their pictures.
 
 pub mod align;
 pub mod change;
